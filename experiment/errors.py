@@ -40,32 +40,32 @@ class PalpateError(Exception):
         super().__init__(self.finding.sentence())
 
     @classmethod
-    def of(cls, error: "PalpateError") -> Self:
+    def saying(cls, error: "PalpateError") -> Self:
         """Return an error of this class that says what another does."""
-        return cls._with(str(error), error.finding, error.findings)
+        return cls._built(str(error), error.finding, error.findings)
 
     @classmethod
     def at(cls, finding: Finding) -> Self:
         """Return the error of a finding."""
-        return cls._with(finding.sentence(), finding, (finding,))
+        return cls._built(finding.sentence(), finding, (finding,))
 
     @classmethod
     def in_file(cls, file: Path | str, findings: Sequence[Finding]) -> Self:
         """Return the error of all that is wrong with a file, as the user named it: a heading, and a line for each."""
         lines = (f"{file}: {counted(findings)}", *(f"  {one.clause()}" for one in findings))
         text = "\n".join(line.replace("\n", " ") for line in lines)
-        return cls._with(text, summary(file, findings), tuple(replace(one, where=file) for one in findings))
+        return cls._built(text, summary(file, findings), tuple(replace(one, where=file) for one in findings))
 
     def followed_by(self, other: "PalpateError") -> Self:
         """Return this error with what came of it, in one line; both are among its findings."""
-        return self._with(f"{self}; {other}", self.finding, (*self.findings, *other.findings))
+        return self._built(f"{self}; {other}", self.finding, (*self.findings, *other.findings))
 
     def sentence(self) -> str:
         """Return all that was found in one line, for a screen or a record that is kept."""
         return "; ".join(one.sentence() for one in self.findings)
 
     @classmethod
-    def _with(cls, text: str, finding: Finding, findings: tuple[Finding, ...]) -> Self:
+    def _built(cls, text: str, finding: Finding, findings: tuple[Finding, ...]) -> Self:
         made = cls(text)
         made.finding, made.findings = finding, findings
         return made

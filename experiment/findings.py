@@ -60,16 +60,16 @@ class Finding:
 
     def observation(self) -> str:
         """Return where something was found, and what, without what may be and what to do."""
-        return ": ".join(part for part in (self.place(), self._found()) if part)
+        return ": ".join(part for part in (self.place(), self._problem()) if part)
 
-    def _found(self) -> str:
+    def _problem(self) -> str:
         line = "" if self.line is None else f"line {self.line}"
         return ": ".join(part for part in (line, self.field, self.what) if part)
 
     def clause(self) -> str:
         """Return what was found, without the file or thing that it was found of."""
         allowed = f"allowed: {self.allowed}" if self.allowed else ""
-        return "; ".join(part for part in (self._found(), allowed, str(self.remedy)) if part)
+        return "; ".join(part for part in (self._problem(), allowed, str(self.remedy)) if part)
 
     def sentence(self, root: Path | None = None) -> str:
         """Return all of it as one line: the place, with files below `root` by their paths in there, and the clause."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -38,6 +39,30 @@ ERRORS = {
 
 RENDERERS = ("experiment/errors.py", "experiment/cli/app.py")
 """Here the sentence of an error is made, and shown as the last of a command."""
+
+
+NO_NAMES = {
+    "asked",
+    "believed",
+    "beside",
+    "between",
+    "by",
+    "found",
+    "given",
+    "held",
+    "kept",
+    "made",
+    "near",
+    "of",
+    "over",
+    "said",
+    "settled",
+    "stands",
+    "told",
+    "within",
+    "without",
+}
+"""A function that is called so says neither what it gives nor what it does."""
 
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -84,6 +109,17 @@ def test_nothing_takes_an_error_of_ours_for_a_text() -> None:
     """Whoever needs a part of it has its finding; whoever says more of it carries the finding on."""
     sources = [one for one in read_sources(tracked_files(*FOLDERS)) if one.path not in RENDERERS]
     assert [place for one in sources for place in errors_in_text(one, ERRORS)] == []
+
+
+def test_a_function_has_a_name_that_says_what_it_gives_or_does() -> None:
+    """A participle of what was told or held, or a preposition, says nothing where it is called."""
+    named = [
+        one.place(node)
+        for one in read_sources(tracked_files(*FOLDERS))
+        for node in one.nodes
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name.strip("_") in NO_NAMES
+    ]
+    assert named == []
 
 
 @pytest.mark.parametrize(

@@ -139,13 +139,14 @@ class Audit:
         for title, held in (("What does not agree as rounded", found), ("What cannot be decided", undecided)):
             if held:
                 told = (
-                    textwrap.fill(one, width, subsequent_indent="  ", break_on_hyphens=False) for one in _told(held)
+                    textwrap.fill(one, width, subsequent_indent="  ", break_on_hyphens=False)
+                    for one in _sentences(held)
                 )
                 texts += [f"{title}\n{'=' * len(title)}", "\n".join(told)]
         return texts
 
 
-def _told(lines: Sequence[Line]) -> Iterator[str]:
+def _sentences(lines: Sequence[Line]) -> Iterator[str]:
     """Yield a sentence for each line, and one for neighbours that cannot be decided for the same reason."""
     for (place, verdict, reason), alike in groupby(
         lines, lambda one: (f"{one.where}, {one.task}", one.verdict, one.reason)

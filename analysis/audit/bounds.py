@@ -210,21 +210,21 @@ def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[i
     sums = [totals(cell.mean.either, n, trials) for cell in cells]
     fewest, most = sum(min(s, default=0) for s in sums), sum(max(s, default=0) for s in sums)
 
-    def stands(cut: Collection[int]) -> bool:
+    def explains(cut: Collection[int]) -> bool:
         chosen = [columns[EITHER if i in cut else ROUNDED][i] for i in answers]
         return solve(chosen, n, trials, missing=0, work=work) is not None
 
-    if stands(()):
+    if explains(()):
         return Row(n * trials, fewest, most, True)
-    if stands(answers):
+    if explains(answers):
         cut = list(answers)
         for i in answers:
-            if stands([k for k in cut if k != i]):
+            if explains([k for k in cut if k != i]):
                 cut.remove(i)
         return Row(n * trials, fewest, most, True, tuple(cut))
     tried = range(1, min(MOST_MISSING, n * trials) + 1)
     missing = [
-        next((gaps for gaps in tried if _stands(columns[reading], n, trials, gaps, work)), None)
+        next((gaps for gaps in tried if _has_counts(columns[reading], n, trials, gaps, work)), None)
         for reading in (SD_EITHER, EITHER)
     ]
     misprinted = tuple(_misprinted(columns[EITHER], n, trials, work))
@@ -261,11 +261,11 @@ def _misprinted(columns: Sequence[Column], n: int, trials: int, work: Work) -> I
         others = product(*(column for k, column in enumerate(columns) if k != i))
         left = {n * trials - sum(rest) for rest in others}
         free = {total: ANY for total in sorted(left) if 0 <= total <= n * trials}
-        if _stands([free if k == i else column for k, column in enumerate(columns)], n, trials, 0, work):
+        if _has_counts([free if k == i else column for k, column in enumerate(columns)], n, trials, 0, work):
             yield i
 
 
-def _stands(columns: Sequence[Column], n: int, trials: int, missing: int, work: Work) -> bool:
+def _has_counts(columns: Sequence[Column], n: int, trials: int, missing: int, work: Work) -> bool:
     """Return whether counts are found; an explanation that cannot be tried is not given."""
     try:
         return solve(columns, n, trials, missing=missing, work=work) is not None
@@ -341,8 +341,8 @@ def effect(moments: Moments, null: Fraction) -> Interval | None:
         return None
     distance = moments.mean.plus(point(-null))
     low_sd, high_sd = (math.sqrt(end) for end in (moments.variance.low, moments.variance.high))
-    low = _over(float(distance.low), low_sd if distance.low < 0 else high_sd)
-    high = _over(float(distance.high), low_sd if distance.high > 0 else high_sd)
+    low = _quotient(float(distance.low), low_sd if distance.low < 0 else high_sd)
+    high = _quotient(float(distance.high), low_sd if distance.high > 0 else high_sd)
     return outward(low, high)
 
 
@@ -378,7 +378,7 @@ def unweighted(cells: Sequence[Moments]) -> Margin:
     return Margin(1 / variance, sum_of(cell.mean.times(Fraction(1, len(cells))) for cell in cells))
 
 
-def between(margins: Sequence[Margin]) -> Interval:
+def ss_between(margins: Sequence[Margin]) -> Interval:
     """Return Σ n (mean - grand mean)², exact below, and around the intervals' middles above."""
     weight = sum(margin.n for margin in margins)
     spans = [(margin.n, Fraction(margin.mean.low), Fraction(margin.mean.high)) for margin in margins]
@@ -387,7 +387,7 @@ def between(margins: Sequence[Margin]) -> Interval:
     return Interval(_least(spans), most)
 
 
-def within(cells: Sequence[Moments]) -> Interval:
+def ss_within(cells: Sequence[Moments]) -> Interval:
     """Return the sum of squares within cells, Σ (n - 1) variance."""
     low = sum(((cell.n - 1) * cell.variance.low for cell in cells), Fraction(0))
     return Interval(low, sum(((cell.n - 1) * cell.variance.high for cell in cells), Fraction(0)))
@@ -396,14 +396,14 @@ def within(cells: Sequence[Moments]) -> Interval:
 def f_of(effect_ss: Interval, residual_ss: Interval, df: tuple[int, int]) -> Interval:
     """Return the F of an effect's and the residual's sums of squares."""
     factor = df[1] / df[0]
-    low = _over(float(effect_ss.low), float(residual_ss.high))
-    return outward(factor * low, factor * _over(float(effect_ss.high), float(residual_ss.low)))
+    low = _quotient(float(effect_ss.low), float(residual_ss.high))
+    return outward(factor * low, factor * _quotient(float(effect_ss.high), float(residual_ss.low)))
 
 
 def quotient(above: Interval, below: Interval) -> Interval:
     """Return every ratio of two numbers that are not negative."""
-    low = _over(max(float(above.low), 0.0), float(below.high))
-    return outward(low, _over(float(above.high), max(float(below.low), 0.0)))
+    low = _quotient(max(float(above.low), 0.0), float(below.high))
+    return outward(low, _quotient(float(above.high), max(float(below.low), 0.0)))
 
 
 def together(moments: Sequence[Moments]) -> Moments:
@@ -426,7 +426,7 @@ def _off(spans: Sequence[_Span], centre: Fraction) -> list[tuple[int | Fraction,
     return [(n, (low if centre < low else high) - centre) for n, low, high in spans if not low <= centre <= high]
 
 
-def _over(above: float, below: float) -> float:
+def _quotient(above: float, below: float) -> float:
     if below == 0:
         return math.copysign(math.inf, above) if above else 0.0
     return above / below

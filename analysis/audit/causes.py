@@ -13,7 +13,7 @@ from itertools import combinations
 from palpate.analysis.audit.bounds import Work, totals
 from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import FromPrint
-from palpate.analysis.audit.mistakes import SWAPPED, TENFOLD, Line, Verdict, slips, told
+from palpate.analysis.audit.mistakes import SWAPPED, TENFOLD, Line, Verdict, mistake_words, slips
 from palpate.analysis.published.numbers import Key, PrintedCell, PrintedScores, PrintedT, PrintedTable, Published
 from palpate.analysis.published.printed import Interval, Printed, outward, sum_of
 from palpate.experiment.errors import PublishedError
@@ -269,7 +269,9 @@ def _values(
             for text in dict.fromkeys(text for span in spans for text in _texts(span, places, percent=percent)):
                 if Printed(text).exact != old.exact:
                     kind, by_chance = _kind(name, old, Printed(text), cell, task.participants if task else 0)
-                    yield Cause(told(f"{kind}: {text} would stand", by_chance % 1), by_chance, {cell.key: {name: text}})
+                    yield Cause(
+                        mistake_words(f"{kind}: {text} would stand", by_chance % 1), by_chance, {cell.key: {name: text}}
+                    )
 
 
 def _mean_of_t(test: PrintedT, sd: Interval, n: int) -> Interval:

@@ -27,7 +27,9 @@ def stars_by_p(p: Printed, levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
     """Return the stars that the values behind a printed P can earn, most first; "none" stands for no stars."""
     behind = p.either
     high = math.nextafter(float(behind.high), 0.0) if behind.open_high else float(behind.high)
-    return tuple(mark or "none" for mark in sorted(_between(float(behind.low), high, levels), key=len, reverse=True))
+    return tuple(
+        mark or "none" for mark in sorted(_stars_between(float(behind.low), high, levels), key=len, reverse=True)
+    )
 
 
 def stars_reached(sample: Sample, effects: Sequence[Interval], levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
@@ -39,11 +41,11 @@ def stars_reached(sample: Sample, effects: Sequence[Interval], levels: Sequence[
         for one in effects:
             if side.meets(one):
                 p = p_of_t(t_of(one.common(side), sample.n), sample.n - 1)
-                found |= _between(float(p.low), float(p.high), given)
+                found |= _stars_between(float(p.low), float(p.high), given)
     return tuple(mark or "none" for mark in sorted(found, key=len, reverse=True))
 
 
-def _between(low: float, high: float, levels: Sequence[PrintedLevel]) -> set[str]:
+def _stars_between(low: float, high: float, levels: Sequence[PrintedLevel]) -> set[str]:
     """Return the stars of every P from `low` to `high`."""
     steps = ["", *(level.stars for level in reversed(levels))]
     reached = [steps.index(_earned(end, levels)) for end in (low, high)]

@@ -18,17 +18,17 @@ from palpate.analysis.audit.bounds import (
     Margin,
     Moments,
     Work,
-    between,
     f_of,
     margin,
     moments,
     neighbours,
     on_scale,
+    ss_between,
+    ss_within,
     steps_to_find,
     together,
     totals,
     unweighted,
-    within,
 )
 from palpate.analysis.audit.mistakes import Verdict
 from palpate.analysis.identification.confusion import shared
@@ -142,17 +142,17 @@ class FromResults:
         if printed.task:
             return Variances({"": point(Fraction(line.f))}, df, everything)
         _, second, third = (table.effect(printed.subject[0]).f or 0.0 for table in self._results.two_way)
-        first = float(self._between(printed.subject[0]).low) / df[0] / anova.residual.ms
+        first = float(self._ss_effect(printed.subject[0]).low) / df[0] / anova.residual.ms
         return Variances(by_type(*(point(Fraction(one)) for one in (first, second, third))), df, everything)
 
-    def _between(self, effect: str) -> Interval:
+    def _ss_effect(self, effect: str) -> Interval:
         """Return the sum of squares of the effect when it enters first, of the materials that every task presents."""
         values: dict[str, list[Fraction]] = {}
         tasks = self._results.tasks
         for task, place in product(tasks, shared(task.confusion for task in tasks)):
             level = task.task.id if effect == "task" else task.confusion.materials[place]
             values.setdefault(level, []).extend(task.confusion.ratios(place, place).values())
-        return between([Margin(len(level), point(mean(level))) for level in values.values()])
+        return ss_between([Margin(len(level), point(mean(level))) for level in values.values()])
 
     def _ratios(self, task: str, presented: str, answered: str) -> list[Fraction]:
         result = self._results.task(task)
@@ -286,8 +286,8 @@ class FromPrint:
             return Variances(statement="an ANOVA needs two levels, and more values than cells")
         # Of equally many values each, the mean of all values is the mean of the cells' means.
         alike = all(len({one.n for one in group}) == 1 for group in held)
-        levels, residual = (margin,) if alike else (margin, unweighted), within(cells)
-        found = [f_of(between([level(group) for group in held]), residual, df) for level in levels]
+        levels, residual = (margin,) if alike else (margin, unweighted), ss_within(cells)
+        found = [f_of(ss_between([level(group) for group in held]), residual, df) for level in levels]
         # The cells of a task have as many values each: an effect is the same whether it enters first or last but one.
         return Variances(by_type(found[0], found[0], found[-1]), df, values)
 
@@ -322,12 +322,16 @@ class FromPrint:
         stands = (Moments(n, cell.mean.either, wanted),)
         if cell.scale is None:
             return Sample(n, stands, stands if misreading else ())
-        every = self._counted(cell, n, cell.scale, wanted) if misreading else self._near(cell, cell.sd, cell.scale, n)
+        every = (
+            self._counted(cell, n, cell.scale, wanted)
+            if misreading
+            else self._counts_near(cell, cell.sd, cell.scale, n)
+        )
         if every is None:
             return Sample(n, stands, stands) if misreading else Sample(n, stands, statement=TOO_MANY)
         return Sample(n, tuple(one for one in every if wanted.meets(one.variance)) or stands, every)
 
-    def _near(self, cell: PrintedCell, sd: Printed, scale: Scale, n: int) -> tuple[Moments, ...] | None:
+    def _counts_near(self, cell: PrintedCell, sd: Printed, scale: Scale, n: int) -> tuple[Moments, ...] | None:
         """Return what whole counts give at a printed SD, or else around it; None where they give too many.
 
         The search widens up to an SD of 1, and narrows again.

@@ -113,7 +113,7 @@ OFTEN = 0.05
 """Share of random wrong numbers from which on a mistake that gives them is said to fit by chance."""
 
 
-def told(text: str, by_chance: float) -> str:
+def mistake_words(text: str, by_chance: float) -> str:
     """Return a mistake in words, with the share of wrong numbers that it gives by chance where that is not small."""
     if by_chance < OFTEN:
         return text
@@ -136,7 +136,7 @@ class Layout:
 
 def explain(printed: Printed, mistakes: Iterable[Mistake]) -> str:
     """Return the mistakes that give the printed number, in words and in their order; empty where none does."""
-    return "; or ".join(told(one.text, one.by_chance(printed)) for one in mistakes if one.gives(printed))
+    return "; or ".join(mistake_words(one.text, one.by_chance(printed)) for one in mistakes if one.gives(printed))
 
 
 SWAPPED, ONE_DIGIT, TENFOLD = "two digits are swapped", "one digit is wrong", "it is off by a power of ten"
@@ -175,7 +175,7 @@ def slip_of(printed: Printed, values: Sequence[Interval], *, squares: bool = Fal
         factor = Fraction(10) ** (power * (1 + squares))
         moved = Mistake(TENFOLD, tuple(value.times(factor) for value in values), squares)
         if moved.gives(printed) and not found:
-            found.append(told(TENFOLD, moved.by_chance(printed)))
+            found.append(mistake_words(TENFOLD, moved.by_chance(printed)))
     if len(values) > FEW:
         values = [hull(values)]
     fitting: dict[str, list[str]] = {}
@@ -187,7 +187,7 @@ def slip_of(printed: Printed, values: Sequence[Interval], *, squares: bool = Fal
     digits = len(_places(printed.text))
     for slip, texts in [*fitting.items()][:1]:
         by_chance = len(texts) * tried[slip] / 10 ** max(digits, 1)
-        found.append(told(f"{slip}: {' or '.join(texts[:3])} would stand", by_chance))
+        found.append(mistake_words(f"{slip}: {' or '.join(texts[:3])} would stand", by_chance))
     return "; or ".join(found)
 
 

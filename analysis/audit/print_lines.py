@@ -90,7 +90,7 @@ def source_lines(table: PrintedSources) -> Iterator[mistakes.Line]:
     residual = table.lines[-1]
     for line in table.lines:
         cited = mistakes.Citation(table.where, "both", line.name, "cannot be decided", "the line does not print enough")
-        ms = _over(line.ss, line.df)
+        ms = _per_freedom(line.ss, line.df)
         if line.ms is not None:
             yield cited.number("MS", line.ms, [ms] if ms else [], _of_ms(line, table))
         own, rest = _mean_square(line), _mean_square(residual)
@@ -117,7 +117,7 @@ def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Ite
     residual = table.lines[-1]
     if f is None:
         return
-    above, below = (_over(one.ss, one.df) for one in (line, residual))
+    above, below = (_per_freedom(one.ss, one.df) for one in (line, residual))
     if above and below and (_contradicts(line) or _contradicts(residual)):
         yield mistakes.Mistake("it follows SS / df, not the printed MS", (quotient(above, below),))
     yield from mistakes.of_any_f([f], (line.df, residual.df))
@@ -160,17 +160,17 @@ def _others(line: PrintedSource, table: PrintedSources) -> list[int]:
 
 def _contradicts(line: PrintedSource) -> bool:
     """Return whether the printed MS cannot be SS / df."""
-    computed = _over(line.ss, line.df)
+    computed = _per_freedom(line.ss, line.df)
     return bool(computed and line.ms and not line.ms.either.meets(computed))
 
 
-def _over(ss: Printed | None, df: int) -> Interval | None:
+def _per_freedom(ss: Printed | None, df: int) -> Interval | None:
     return ss.either.times(Fraction(1, df)) if ss else None
 
 
 def _mean_square(line: PrintedSource) -> Interval | None:
     """Return a mean square that is both as printed and SS / df; where it cannot be both, as printed."""
-    computed = _over(line.ss, line.df)
+    computed = _per_freedom(line.ss, line.df)
     if line.ms is None or computed is None:
         return line.ms.either if line.ms else computed
     return line.ms.either if _contradicts(line) else line.ms.either.common(computed)

@@ -112,7 +112,7 @@ def _numbered(sections: Sequence[Section], sheets: Sequence[Sheet]) -> list[tupl
 def _section(section: Section, label: str, sheets: Sequence[tuple[int, Sheet]], files: Mapping[str, bytes]) -> str:
     parts = []
     if section.asked:
-        parts.append(f'<dl class="asked">{"".join(map(_asked, section.asked))}</dl>')
+        parts.append(f'<dl class="asked">{"".join(map(_answer_html, section.asked))}</dl>')
     if section.paragraphs:
         said = "".join(f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs)
         parts.append(f'<div class="said">{said}</div>')
@@ -131,7 +131,7 @@ def _section(section: Section, label: str, sheets: Sequence[tuple[int, Sheet]], 
     return "".join(parts)
 
 
-def _asked(one: Asked) -> str:
+def _answer_html(one: Asked) -> str:
     standing = f' <span class="standing">{escape(one.standing)}</span>' if one.standing else ""
     warnings = "".join(f'<dd class="warning">{escape(warning)}</dd>' for warning in one.warnings)
     return f"<dt>{escape(one.question)}{standing}</dt><dd>{escape(one.answer)}</dd>{warnings}"

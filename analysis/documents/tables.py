@@ -160,12 +160,12 @@ def tabulate(
         marked,
         tuple(notes),
         standing=standing,
-        records=without(rows, in_print),
+        records=without_keys(rows, in_print),
         key=key,
     )
 
 
-def without(records: Iterable[Record], keys: Container[str]) -> tuple[Record, ...]:
+def without_keys(records: Iterable[Record], keys: Container[str]) -> tuple[Record, ...]:
     """Return the records without the values under these keys."""
     return tuple({key: value for key, value in record.items() if key not in keys} for record in records)
 
@@ -271,7 +271,7 @@ def bayes_factor(log: float | None) -> str:
 def text(section: Section, width: int = WIDTH, *, full: bool = False) -> str:
     """Return the section for a terminal, with no line longer than `width`; brief tables and no aside unless `full`."""
     parts = [f"{section.title}\n{'=' * min(len(section.title), width)}"]
-    parts += [_asked(one, width) for one in section.asked]
+    parts += [_answer_text(one, width) for one in section.asked]
     parts += [textwrap.fill(paragraph, width) for paragraph in section.paragraphs]
     whole = full and not section.folded
     parts += [table_text(table, width) for table in (section.tables if whole else section.brief or section.tables)]
@@ -279,7 +279,7 @@ def text(section: Section, width: int = WIDTH, *, full: bool = False) -> str:
     return "\n\n".join(parts)
 
 
-def _asked(one: Asked, width: int) -> str:
+def _answer_text(one: Asked, width: int) -> str:
     lines = [textwrap.fill(one.question, width)]
     lines += [textwrap.fill(line, width, initial_indent=GAP, subsequent_indent=GAP) for line in one.lines]
     return "\n".join(lines)

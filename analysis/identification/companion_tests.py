@@ -80,13 +80,13 @@ class Beside:
     statements: Mapping[str, str]
 
 
-def beside(study: Study, tasks: Mapping[str, Confusion], rng: np.random.Generator) -> Beside:
+def run_companions(study: Study, tasks: Mapping[str, Confusion], rng: np.random.Generator) -> Beside:
     """Return the tests of a study from the confusion matrices of its tasks; sign flips may draw."""
     said = Statements()
     materials: dict[str, tuple[Repeated, ...]] = {}
     for task, matrix in tasks.items():
         ratios = _ratios(matrix, matrix.complete, matrix.presented)
-        found = said.told(f"repeated-measures ANOVA of {task}", partial(repeated, ratios, ["material"]))
+        found = said.attempt(f"repeated-measures ANOVA of {task}", partial(repeated, ratios, ["material"]))
         if found is not None:
             materials[task] = found
     linked = study.origin != "RECONSTRUCTION"
@@ -94,14 +94,14 @@ def beside(study: Study, tasks: Mapping[str, Confusion], rng: np.random.Generato
     paired: list[Paired] = []
     if len(tasks) > 1:
         if linked:
-            both = said.told("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
+            both = said.attempt("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
             for first, second in combinations(tasks, 2):
-                one = said.told(f"comparison of {first} with {second}", partial(_paired, first, second, tasks, rng))
+                one = said.attempt(f"comparison of {first} with {second}", partial(_paired, first, second, tasks, rng))
                 paired += [one] if one else []
         else:
             said["paired comparison of tasks"] = LINKED
     if linked:
-        logit = said.told("logit in which participants differ by material and task", partial(slopes_logit, tasks))
+        logit = said.attempt("logit in which participants differ by material and task", partial(slopes_logit, tasks))
     else:
         logit, said["logit in which participants differ by material and task"] = None, LINKED
     return Beside(materials, both or (), tuple(paired), logit, said)

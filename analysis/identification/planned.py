@@ -78,7 +78,7 @@ def _planned(plan: PlannedTest, study: Study, tasks: Tasks, rng: np.random.Gener
     else:
         own = {task: tasks[task] for task in plan.tasks if task in tasks}
         parts = TESTS[plan.test](plan, study, own, rng) if own else ()
-        lines = [line for name, compute in parts for line in said.told(name, compute) or ()]
+        lines = [line for name, compute in parts for line in said.attempt(name, compute) or ()]
     return Planned(plan, tuple(_judged(plan, lines, len(said))), said)
 
 
@@ -188,11 +188,11 @@ def _equivalent(plan: PlannedTest, _: Study, tasks: Tasks, __: np.random.Generat
         one = equivalence(values, plan.margin or MARGIN, plan.alpha)
         return [Line(of, subject, one.n, one.p, one.mean, Limits(one.low, one.high, 1 - 2 * plan.alpha))]
 
-    def between(of: tuple[str, ...]) -> list[Line]:
+    def gap_lines(of: tuple[str, ...]) -> list[Line]:
         return line(of, "", np.array(mean_gaps(*_counts(plan, *(tasks[task] for task in of))[1:]), dtype=np.float64))
 
     if len(plan.tasks) > 1:
-        yield from ((" and ".join(of), partial(between, of)) for of in combinations(tasks, 2))
+        yield from ((" and ".join(of), partial(gap_lines, of)) for of in combinations(tasks, 2))
         return
     for task, matrix in tasks.items():
         places = _places(plan, matrix)

@@ -17,9 +17,9 @@ from palpate.analysis.identification.companion_tests import (
     Beside,
     Equivalences,
     Marginal,
-    beside,
     equivalences,
     marginal,
+    run_companions,
 )
 from palpate.analysis.identification.confusion import Confusion, confusion_of, in_every, shared
 from palpate.analysis.identification.identify import Identification, identify
@@ -115,7 +115,7 @@ class TaskResult:
         """Return P of sign flips, adjusted where the P that the stars follow is."""
         return test.flip_holm if self.correction else test.flip.p if test.flip else None
 
-    def above(self, test: MaterialTest, p: float | None, level: float) -> bool:
+    def shows_above(self, test: MaterialTest, p: float | None, level: float) -> bool:
         """Return whether `p`, one of those of a test, shows that its mean lies above chance."""
         return p is not None and p < level and test.result.mean is not None and test.result.mean > self.chance
 
@@ -199,7 +199,7 @@ def compute(
             identify(task.task.id, task.confusion, table, np.random.default_rng([SEED, place]))
             for place, task in enumerate(tasks)
         )
-        beside_these = beside(study, matrices, np.random.default_rng([SEED, len(tasks), FLIPS]))
+        beside_these = run_companions(study, matrices, np.random.default_rng([SEED, len(tasks), FLIPS]))
         contrasts, trials, course = modelled()
     return Results(
         tasks=tasks, identifications=identifications, dissimilarities=dissimilarities,

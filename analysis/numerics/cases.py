@@ -235,7 +235,7 @@ def _speeds() -> list[Case]:
     return [
         *(Case("speed", f"{v:g} mm/s", claims, partial(within_claims, spectra, (v,))) for v in (0.0, 1e-6, 1e4)),
         *(Case("speed", f"exactly {v:g} mm/s", exact, partial(_measured, spectra, i)) for i, v in places),
-        *(Case("speed", f"{v:g} mm/s, {beside}", near, partial(_beside, spectra, i)) for i, v in places),
+        *(Case("speed", f"{v:g} mm/s, {beside}", near, partial(_steps_beside, spectra, i)) for i, v in places),
     ]
 
 
@@ -249,7 +249,7 @@ def _measured(spectra: CrinkleSpectra, i: int) -> Seen:
     return within_claims(spectra, (v,))
 
 
-def _beside(spectra: CrinkleSpectra, i: int) -> Seen:
+def _steps_beside(spectra: CrinkleSpectra, i: int) -> Seen:
     speeds = [float(np.nextafter(SPEEDS_MM_S[i], towards)) for towards in (0.0, np.inf)]
     for v in speeds:
         step = np.abs(at_speed(spectra, speed_mm_s=v).coefficients - spectra.amplitudes[i] * spectra.signs[i])

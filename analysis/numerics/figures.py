@@ -287,14 +287,14 @@ def _sizes(axes: Axes, rows: Sequence[Measured]) -> None:
 
 
 def _resampling(axes: Axes, measured: Sequence[Measured]) -> None:
-    _curves(axes, _below(axes, measured, "resampling", "Resampling, 44.1 to 192 kHz"))
+    _curves(axes, _plot_below(axes, measured, "resampling", "Resampling, 44.1 to 192 kHz"))
     _times(axes, "median run time", ticks=6)
     axes.set_ylabel("relative error", fontsize=9)
     axes.legend(loc="center left", frameon=False, fontsize=8)
 
 
 def _shaping(axes: Axes, measured: Sequence[Measured]) -> None:
-    rows = _below(axes, measured, "shaping", "")
+    rows = _plot_below(axes, measured, "shaping", "")
     for i, way in enumerate(dict.fromkeys(one.way for one in rows)):
         line = [(one.given["frequencies"], one.error) for one in rows if one.way == way]
         axes.plot(*zip(*line, strict=True), color=colour(i), marker=marker(i), markersize=4.5, linewidth=1.1, label=way)
@@ -312,7 +312,7 @@ def _shaping(axes: Axes, measured: Sequence[Measured]) -> None:
 
 
 def _noise(axes: Axes, measured: Sequence[Measured]) -> None:
-    rows = _below(axes, measured, "noise", "Noise: octave bands")
+    rows = _plot_below(axes, measured, "noise", "Noise: octave bands")
     _curves(axes, rows, claims=False)
     first = [one for one in rows if one.way == rows[0].way]
     for one in (first[0], first[-1]):
@@ -328,7 +328,7 @@ def _noise(axes: Axes, measured: Sequence[Measured]) -> None:
     axes.legend(loc="upper right", frameon=False, fontsize=8)
 
 
-def _below(axes: Axes, measured: Sequence[Measured], subject: str, title: str) -> list[Measured]:
+def _plot_below(axes: Axes, measured: Sequence[Measured], subject: str, title: str) -> list[Measured]:
     axes.set_xscale("log")
     _logarithmic(axes)
     axes.set_title(title, fontsize=9)

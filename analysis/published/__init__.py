@@ -34,4 +34,4 @@ def read(path: Path) -> Published:
     try:
         return files.read(path, Published)
     except ProtocolError as error:
-        raise PublishedError.of(error) from error
+        raise PublishedError.saying(error) from error

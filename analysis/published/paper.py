@@ -159,14 +159,14 @@ def _clean(text: str, most: int = 40) -> str:
 def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int, passed: _Passed) -> int:
     """Add a table to the document, and unread cells to `passed`; return 1 for a confusion table, or 0."""
     for at in range(min(MOST_HEADINGS, len(grid.rows) - 1)):
-        found = _below(document, grid.name, grid.rows[at], grid.rows[at + 1 :], stated, confusions, passed)
+        found = _add_below(document, grid.name, grid.rows[at], grid.rows[at + 1 :], stated, confusions, passed)
         if found is not None:
             return found
     first = next((_clean(", ".join(filter(None, row)), 80) for row in grid.rows if any(row)), "")
     raise _Unknown(f"its headings ({first}) are of no kind that the audit knows")
 
 
-def _below(
+def _add_below(
     document: dict[str, Any], where: str, heading: Sequence[str], rows: Sequence[tuple[str, ...]], stated: Stated,
     confusions: int, passed: _Passed,
 ) -> int | None:  # fmt: skip
@@ -371,7 +371,7 @@ def _csv(path: Path, stated: delimited.Stated) -> tuple[Grid, ...]:
         if (decimal := stated.decimal or delimited.decimal_sign(digits, delimiter)) is None:
             raise delimited.unclear_decimal(path, stated)
     except PalpateError as error:
-        raise PublishedError.of(error) from error
+        raise PublishedError.saying(error) from error
     except csv.Error as error:
         raise PublishedError(path, f"got no CSV ({error})", "save the table anew", allowed="rows of cells") from error
     if decimal == ",":

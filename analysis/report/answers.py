@@ -80,7 +80,7 @@ def _answers(study: Study, results: Results, stands: Standing) -> Iterator[Asked
     planned = {one.plan: one for one in results.planned}
     plans = tuple(dict.fromkeys(study.plans()))
     for plan in plans:
-        question, mark = first_question(plan), stands.of(plan.test, *plan.tasks)
+        question, mark = first_question(plan), stands.mark(plan.test, *plan.tasks)
         if plan in planned:
             yield _answer(planned[plan], question, mark)
         else:
@@ -89,7 +89,7 @@ def _answers(study: Study, results: Results, stands: Standing) -> Iterator[Asked
     known = {test for test, _ in stands.printed} & set(QUESTIONS) or {T, TWO_WAY}
     for test, question in QUESTIONS.items() if not plans else ():
         if test in known:
-            yield _published(test, tasks, question, stands.of(test, *tasks), 0.05, results, stands)
+            yield _published(test, tasks, question, stands.mark(test, *tasks), 0.05, results, stands)
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,9 @@ def _published(
     match test:
         case "t against chance":
             if found := [one for one in map(results.task, tasks) if one is not None]:
-                return Asked(question, " ".join(_above(one, results, level) for one in found), mark, (BY_FLIPS,))
+                return Asked(
+                    question, " ".join(_materials_above(one, results, level) for one in found), mark, (BY_FLIPS,)
+                )
         case "one-way ANOVA":
             if answers := tuple(_told_apart(results, tasks, stands, level)):
                 return Asked(question, " ".join(answers), mark, (ONE_WAY_ERRS,))
@@ -215,11 +217,11 @@ def _published(
     return Asked(question, UNDEFINED, mark)
 
 
-def _above(task: TaskResult, results: Results, level: float) -> str:
+def _materials_above(task: TaskResult, results: Results, level: float) -> str:
     """Return which materials sign flips, which hold, show above chance, with mean ratios and intervals."""
     one = next(one for one in results.identifications if one.task == task.task.id)
     cells = {cell.presented: cell for cell in one.cells if cell.presented == cell.answered}
-    shown = [test for test in task.tests if task.above(test, task.flip(test), level)]
+    shown = [test for test in task.tests if task.shows_above(test, task.flip(test), level)]
     others = [test for test in task.tests if test not in shown and test.result.mean is not None]
     parts = []
     if shown:

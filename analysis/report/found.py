@@ -21,7 +21,7 @@ from palpate.analysis.documents.tables import (
 from palpate.analysis.identification.identify import Cell, Identification
 from palpate.analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from palpate.analysis.reading.study import Study
-from palpate.analysis.report.plan import CHANCE, DIFFER, FOUND, Standing, alpha, asked
+from palpate.analysis.report.plan import CHANCE, DIFFER, FOUND, Standing, alpha, planned_questions
 from palpate.analysis.statistics.shares import Limits
 
 CORRECT = (
@@ -37,10 +37,10 @@ OF_STARS = ("p_of_stars", "p_sign_flip_of_stars")
 def found_section(study: Study, results: Results, remark: tuple[str, ...], stands: Standing) -> Section:
     """Return the questions that the protocol plans, the answers of this dataset, and the correct ratios behind them."""
     both = list(zip(results.tasks, results.identifications, strict=True))
-    paragraphs = [*asked(study)]
+    paragraphs = [*planned_questions(study)]
     paragraphs += [" ".join(_task(task, one, alpha(study, CHANCE, task.task.id))) for task, one in both]
     level = alpha(study, DIFFER, *(task.task.id for task in results.tasks))
-    paragraphs += [" ".join(_between(results, level))] * bool(list(_between(results, level)))
+    paragraphs += [" ".join(_differences(results, level))] * bool(list(_differences(results, level)))
     tested = [(task, test, cell) for task, one in both for test, cell in zip(task.tests, _right(one), strict=True)]
     adjusted = {task.correction is not None for task in results.tasks}
     how = {True: "adjusted by Holm", False: "not adjusted"}
@@ -124,8 +124,8 @@ def _tested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[
     groups: dict[tuple[bool, bool | None], list[MaterialTest]] = {}
     for test in task.tests:
         if test.result.p is not None:
-            by_t = task.above(test, test.p_holm if task.correction else test.result.p, level)
-            by_flips = task.above(test, task.flip(test), level) if test.flip or not by_t else None
+            by_t = task.shows_above(test, test.p_holm if task.correction else test.result.p, level)
+            by_flips = task.shows_above(test, task.flip(test), level) if test.flip or not by_t else None
             groups.setdefault((by_t, by_flips), []).append(test)
     flips = "" if _least(task) >= level else "; sign flips, which are ours, do not show it"
     said = {
@@ -160,7 +160,7 @@ def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterato
     alone = all(test.result.n == 1 for test in found)
     why = "one participant has no spread" if alone else "the ratios of all participants are the same"
     yield f"Ratios of right answers: {_listed(found, cells)}; chance is {task.chance:.4g}. t has no P, because {why}."
-    shown = [test for test in found if task.above(test, task.flip(test), level)]
+    shown = [test for test in found if task.shows_above(test, task.flip(test), level)]
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
         names = "all of them" if len(shown) == len(found) > 1 else joined([test.material for test in shown])
@@ -179,7 +179,7 @@ def _listed(tests: Sequence[MaterialTest], cells: dict[str, Cell]) -> str:
     return joined(parts)
 
 
-def _between(results: Results, level: float) -> Iterator[str]:
+def _differences(results: Results, level: float) -> Iterator[str]:
     """Yield what the tests of tasks and materials say, the published ANOVA first, then ours."""
     if results.two_way and (effect := results.two_way[1].effects[0]).f is not None and effect.p is not None:
         df = f"{effect.df}, {results.two_way[1].residual.df}"

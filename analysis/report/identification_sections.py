@@ -24,7 +24,7 @@ from palpate.analysis.documents.tables import (
     side_by_side,
     span,
     tabulate,
-    without,
+    without_keys,
 )
 from palpate.analysis.identification.identify import CHOICE_RESAMPLES, ChoiceIntervals, Identification
 from palpate.analysis.identification.results import Results
@@ -411,7 +411,7 @@ def _learning_table(found: TimeCourse) -> Table:
         every += records
         shown += [records[place] for place in sorted({0, len(windows) // 2, len(windows) - 1})]
     title = "Right answers in the first, the middle and the last run of trials"
-    return replace(tabulate(title, RUNS, shown), records=without(every, {"right"}))
+    return replace(tabulate(title, RUNS, shown), records=without_keys(every, {"right"}))
 
 
 def _speed_table(found: TimeCourse) -> Table:

@@ -55,7 +55,7 @@ class Standing:
         """The name of the part of a report that holds what was planned or published, or all if neither is known."""
         return f"{' and '.join(_marks(self.planned, self.printed))} results".lstrip().capitalize()
 
-    def of(self, test: str, *tasks: str) -> str:
+    def mark(self, test: str, *tasks: str) -> str:
         """Return the mark of a test of these tasks."""
         return self.of_any([test], *tasks)
 
@@ -71,7 +71,7 @@ class Standing:
 
     def ours(self, test: str, *tasks: str) -> str:
         """Return the mark of a test of ours that asks what this test of these tasks asks."""
-        return OURS if self.of(test, *tasks) != EXPLORATORY else f"{OURS}, {EXPLORATORY}"
+        return OURS if self.mark(test, *tasks) != EXPLORATORY else f"{OURS}, {EXPLORATORY}"
 
 
 def _marks(planned: object, printed: object) -> list[str]:
@@ -102,7 +102,7 @@ FOUND = "What was found"
 """The title of the first section of a report."""
 
 
-def asked(study: Study) -> list[str]:
+def planned_questions(study: Study) -> list[str]:
     """Return the planned questions as one paragraph, or nothing where none is known."""
     questions = dict.fromkeys(first_question(plan) for plan in study.plans() if plan.test != "ICC")
     return [f"Asked: {' '.join(questions)}"] * bool(questions)
@@ -135,7 +135,7 @@ def marked(section: Section, *marks: str) -> Section:
 
 def icc_marks(study: Study, stands: Standing, results: Results) -> tuple[str, ...]:
     """Return a mark for each table of an ICC: where the plan names variance components, the forms are exploratory."""
-    mark = stands.of(ICC, *(task.task.id for task in results.tasks))
+    mark = stands.mark(ICC, *(task.task.id for task in results.tasks))
     named = any(plan.form and "variance" in plan.form.casefold() for plan in study.plans() if plan.test == ICC)
     of_forms = EXPLORATORY if named and results.components else mark
     return (of_forms,) * len(results.reliabilities) + (mark,) * (results.components is not None)
@@ -254,8 +254,8 @@ def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
     if found is None:
         return f"{task} not run: no trial"
     tested = [test for test in found.tests if test.result.p is not None]
-    above = sum(found.above(test, test.p_holm if found.correction else test.result.p, level) for test in tested)
-    flips = sum(found.above(test, found.flip(test), level) for test in found.tests)
+    above = sum(found.shows_above(test, test.p_holm if found.correction else test.result.p, level) for test in tested)
+    flips = sum(found.shows_above(test, found.flip(test), level) for test in found.tests)
     missing = [test for test in found.tests if test.result.p is None]
     why = f", not defined for {', '.join(test.material for test in missing)}" if missing and tested else ""
     of = f"{above} of {len(found.tests)} materials shown above chance" if tested else "t is defined for no material"

@@ -288,7 +288,7 @@ def anova_section(results: Results, remark: tuple[str, ...], stands: plans.Stand
             tables.append(tabulate(title, EFFECTS, lines, standing=stands.of_pair(pair)))
     if two_way := [line for each in results.two_way for line in _effects(each, analysis=each.kind, task="all")]:
         title = "Two-way: correct ratios by task and material"
-        mark = stands.of(plans.TWO_WAY, *(task.task.id for task in results.tasks))
+        mark = stands.mark(plans.TWO_WAY, *(task.task.id for task in results.tasks))
         tables.append(tabulate(title, (TYPE, *EFFECTS), two_way, standing=mark))
     lines_of = [line for table in tables for line in table.records]
     return Section("anova", "Analysis of variance", (*remark, *_about_anova(results, lines_of)), tuple(tables))

@@ -70,16 +70,16 @@ def one_way(groups: Sequence[Sequence[exact.Number]], name: str = "group") -> An
     if sum(sizes) == len(sizes):
         raise exact.NotDefined("one-way ANOVA needs two values in a group, got one in each: nothing is left for error")
     cells = exact.of_groups(groups)
-    return _table("one-way", [(name, between(cells), len(sizes) - 1)], cells.within, sum(sizes) - len(sizes))
+    return _table("one-way", [(name, ss_between(cells), len(sizes) - 1)], cells.ss_within, sum(sizes) - len(sizes))
 
 
 def one_way_tests(groups: exact.Ratios) -> exact.Tested:
     """Return F and P of many studies' groups of equally many participants, which lie along the first axis."""
     count = len(groups.sums)
-    return exact.f_test(between(groups), groups.within, count - 1, count * (groups.participants - 1))
+    return exact.f_test(ss_between(groups), groups.ss_within, count - 1, count * (groups.participants - 1))
 
 
-def between(groups: exact.Ratios) -> exact.Values:
+def ss_between(groups: exact.Ratios) -> exact.Values:
     """Return the sum of squares between groups, which lie along the first axis; their denominator is one."""
     sizes = np.broadcast_to(groups.participants, (len(groups.sums), 1)).ravel().tolist()
     common, everybody = math.lcm(*sizes), sum(sizes)
@@ -88,7 +88,7 @@ def between(groups: exact.Ratios) -> exact.Values:
     parts = np.array([common // size for size in sizes], dtype=groups.sums.dtype).reshape(shape)
     squares, total = (parts * groups.sums**2).sum(axis=0), groups.sums.sum(axis=0)
     spread = everybody // shared * squares - common // shared * total**2
-    return exact.over(spread, common * everybody // shared * groups.denominator**2)
+    return exact.quotient(spread, common * everybody // shared * groups.denominator**2)
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Crossed:
         if sums.dtype == object:
             contrasts, sizes = self._contrasts[key]
             common = math.lcm(*sizes[:, 0].tolist())
-            return exact.over((common // sizes * (contrasts @ sums) ** 2).sum(axis=0), common * denominator**2)
+            return exact.quotient((common // sizes * (contrasts @ sums) ** 2).sum(axis=0), common * denominator**2)
         along = self._directions[key] @ (sums / denominator)
         return np.asarray(np.einsum("ds,ds->s", along, along))
 
@@ -129,7 +129,7 @@ class Crossed:
             groups: dict[tuple[Fraction, ...], list[SumsOfSquares]] = {}
             for kind in TYPES:
                 contrasts, sizes = self._contrasts[effect, BEFORE[kind][place]]
-                form = exact.over(contrasts[:, :, None] * contrasts[:, None], sizes[:, :, None]).sum(axis=0)
+                form = exact.quotient(contrasts[:, :, None] * contrasts[:, None], sizes[:, :, None]).sum(axis=0)
                 groups.setdefault(tuple(form.ravel().tolist()), []).append(kind)
             found[effect] = list(groups.values())
         return found
@@ -238,13 +238,13 @@ def two_way(data: Cells, kind: SumsOfSquares) -> Anova:
         (name, data.design.squares(effect, kind, data.ratios.sums, data.ratios.denominator), data.design.df_of(effect))
         for name, effect in ((a, "A"), (b, "B"), (f"{a} x {b}", "X"))
     ]
-    return _table(f"two-way, type {kind}", lines, data.ratios.within, data.design.df)
+    return _table(f"two-way, type {kind}", lines, data.ratios.ss_within, data.design.df)
 
 
 def two_way_tests(design: Crossed, cells: exact.Ratios, effect: str, kind: SumsOfSquares) -> exact.Tested:
     """Return F and P of an effect, "A", "B" or "X", in many studies; see `tasks_by_materials`."""
     return exact.f_test(
-        design.squares(effect, kind, cells.sums, cells.denominator), cells.within, design.df_of(effect), design.df
+        design.squares(effect, kind, cells.sums, cells.denominator), cells.ss_within, design.df_of(effect), design.df
     )
 
 
@@ -298,13 +298,13 @@ def variance_component_icc(design: Crossed, cells: exact.Ratios, k: int) -> exac
     if design.df == 0:
         return exact.undefined(cells.sums.shape[1:]).statistic
     # Equal ratios have equal floating-point numbers; sums of squares formed from them need not be zero.
-    varied = (cells.within > 0) | (np.ptp(cells.means, axis=0) > 0)
+    varied = (cells.ss_within > 0) | (np.ptp(cells.means, axis=0) > 0)
     return np.where(varied, _share(_components(design, cells), k), np.nan)
 
 
 def _components(design: Crossed, cells: exact.Ratios) -> exact.Values:
     """Return the components of both factors, their interaction and the residual, shape (4, studies)."""
-    residual = cells.within / design.df
+    residual = cells.ss_within / design.df
     times: Mapping[str, Any] = design.coefficients
     if not cells.exact:
         times = {pair: float(n) for pair, n in times.items()}

@@ -43,7 +43,7 @@ def defined(compute: Callable[[], T]) -> tuple[T | None, str]:
 class Statements(dict[str, str]):
     """Why statistics are missing, by their names."""
 
-    def told(self, what: str, compute: Callable[[], T]) -> T | None:
+    def attempt(self, what: str, compute: Callable[[], T]) -> T | None:
         """Return what is computed; where it is not defined, None, and keep why."""
         found, why = defined(compute)
         if why:
@@ -61,7 +61,7 @@ def integers(values: Sequence[Number]) -> tuple[list[int], int]:
     return [numerator * (common // denominator) for numerator, denominator in ratios], common
 
 
-def over(above: Any, below: Any) -> Values:
+def quotient(above: Any, below: Any) -> Values:
     """Return each quotient: a fraction of Python's integers, a float64 of numpy's."""
     if np.asarray(above).dtype == object:
         return np.asarray(_fractions(above, below), dtype=object)
@@ -107,7 +107,7 @@ class Ratios:
     @property
     def means(self) -> Values:
         """The mean ratio of each cell, shape (..., studies)."""
-        return over(self.sums, self.participants * self.denominator)
+        return quotient(self.sums, self.participants * self.denominator)
 
     @property
     def scatter(self) -> Values:
@@ -115,12 +115,12 @@ class Ratios:
         return np.asarray(self.participants * self.squares - self.sums * self.sums)
 
     @cached_property
-    def within(self) -> Values:
+    def ss_within(self) -> Values:
         """Squared differences of the ratios from the mean of their cell, summed over the first axis."""
         if self.exact:
             common = math.lcm(*self.participants.ravel().tolist())
-            return over((common // self.participants * self.scatter).sum(axis=0), common * self.denominator**2)
-        return np.asarray(over(self.scatter, self.participants * self.denominator**2).sum(axis=0))
+            return quotient((common // self.participants * self.scatter).sum(axis=0), common * self.denominator**2)
+        return np.asarray(quotient(self.scatter, self.participants * self.denominator**2).sum(axis=0))
 
 
 def of_groups(groups: Sequence[Sequence[Number]]) -> Ratios:

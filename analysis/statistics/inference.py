@@ -81,7 +81,7 @@ def t_tests(cells: exact.Ratios, chance: Fraction) -> exact.Tested:
 
 def _sizes(cells: exact.Ratios, n: int, chance: Fraction) -> tuple[exact.Floats, exact.Floats, exact.Tested]:
     """Return SD, d and t of each cell of `n` participants."""
-    variance = exact.floats(exact.over(cells.scatter, n * (n - 1) * cells.denominator**2))
+    variance = exact.floats(exact.quotient(cells.scatter, n * (n - 1) * cells.denominator**2))
     sd = np.sqrt(np.where(variance > 0, variance, np.nan))
     d = exact.floats(cells.means - (chance if cells.exact else float(chance))) / sd
     t = d * math.sqrt(n)

@@ -193,7 +193,7 @@ def joining() -> Callable[[], None]:
     return join
 
 
-def above() -> None:
+def raise_above_sessions() -> None:
     """Have the calling thread, which simulates a device, run above every session in real time: else it seems late."""
     if is_real_time():
         with suppress(PermissionError):

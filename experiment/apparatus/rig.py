@@ -532,12 +532,12 @@ def load(path: Path) -> Rig:
     try:
         rig = files.read(path, Rig)
     except ProtocolError as error:
-        raise RigError.of(error) from error
+        raise RigError.saying(error) from error
     rig._folder = path.resolve().parent
     return rig
 
 
-def kept(path: Path, digest: str) -> Rig:
+def session_rig(path: Path, digest: str) -> Rig:
     """Return the rig beside a session's journal, which has this digest. Raises `RigError`, also for another rig."""
     rig = load(path)
     if sha256(rig) != digest:

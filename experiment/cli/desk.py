@@ -94,7 +94,7 @@ def screen(
 
 
 @contextmanager
-def beside(path: Path, protocol_file: Path, rig: Path | None) -> Iterator[bool]:
+def screen_beside(path: Path, protocol_file: Path, rig: Path | None) -> Iterator[bool]:
     """Open the participant's screen of the session at `path` in a process of its own, if the rig has one; yield that.
 
     It ends by itself after a session that ended well; after a fault it is ended, so that it covers no screen. What it

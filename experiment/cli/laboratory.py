@@ -307,11 +307,11 @@ def rehearse(
         # Little of what the modules and tables hold ever becomes garbage, and searching it takes time.
         gc.set_threshold(20_000)
     from palpate.experiment.cli.analyst import analyst
-    from palpate.experiment.desk.interrupts import held
+    from palpate.experiment.desk.interrupts import deferred
 
     with analyst(elsewhere=at_once, as_json=as_json) as analyse:
         # An import calls back, and what interrupts it there is lost.
-        with held():
+        with deferred():
             from palpate.experiment.desk.terminal import TerminalConsole
             from palpate.experiment.rehearsal import study
 
@@ -403,7 +403,7 @@ def withdraw(
         )
     _check_roster(protocol_file, dataset)
     if erase and not yes:
-        sessions, answers = withdrawal.held(protocol_file, participant, root=dataset)
+        sessions, answers = withdrawal.count_recorded(protocol_file, participant, root=dataset)
         what = f"{count(sessions, 'session')} of participant {participant} with {count(answers, 'answer')}"
         if not sessions:
             what = f"what is left of participant {participant}, who has no session here"

@@ -92,7 +92,7 @@ def new(
     else:
         study = writing.NewStudy(id=study_id)
         given = [None if one is None else str(one) for one in (participants, repetitions)]
-        text = writing.text(_asked(study, title, given, materials, tasks, ask))
+        text = writing.text(_new_study(study, title, given, materials, tasks, ask))
     file = file or writing.free(Path(study_id))
     if rig is None:
         asks = "A rig file to begin from, too: its name, or Enter for none"
@@ -113,7 +113,7 @@ def new(
     )
 
 
-def _asked(
+def _new_study(
     study: "NewStudy",
     title: str | None,
     numbers: list[str | None],

@@ -89,7 +89,7 @@ def run(
     if session_at is None and not served and serve is None:
         options.at_once(f"Opening the session{' of PRACTICE, with a simulated laboratory' if practice else ''} ...")
     from palpate.experiment.protocol import files
-    from palpate.experiment.session.visit import told
+    from palpate.experiment.session.visit import ending_words
 
     if practice and recordings is not None:
         raise SessionError(
@@ -134,7 +134,7 @@ def run(
         from palpate.experiment.desk.linked import LinkedConsole
 
         view = _first_view(protocol, who, folder, practice=practice)
-        with desk.beside(session_at, protocol_file, rig) as opened:
+        with desk.screen_beside(session_at, protocol_file, rig) as opened:
             linked = LinkedConsole(view, answers=prompts.shown_answers(protocol), screen=opened)
             _listen(session_at, linked, once, last=task is None)
     elif served:
@@ -150,7 +150,7 @@ def run(
 
         heading = "PRACTICE" if practice else f"Participant {participant}."
         console = TerminalConsole(write=sys.stdout, ask=input, heading=heading, early=lambda: typed_ahead(sys.stdin))
-        options.say(told(once(console), last=task is None))
+        options.say(ending_words(once(console), last=task is None))
     else:
         _attend(folder, who, by)
 
@@ -171,7 +171,7 @@ def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practic
 def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"], *, last: bool) -> None:
     """Run a session for consoles that connect at `path`, until it is complete or nobody wants it to go on."""
     from palpate.experiment.desk.link import Link
-    from palpate.experiment.session.visit import BETWEEN, told
+    from palpate.experiment.session.visit import BETWEEN, ending_words
 
     with closing(Link(path, console)) as link:
         console.wake = link.wake
@@ -183,7 +183,7 @@ def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole
         except PalpateError as error:
             console.ended(error.sentence(), error.exit_code)
             raise
-        console.ended(told(footer, last=last), 0)
+        console.ended(ending_words(footer, last=last), 0)
 
 
 def _attend(folder: Path, participant: str, by: str) -> None:

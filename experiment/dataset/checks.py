@@ -211,7 +211,7 @@ def load(root: Path, each: Each = map) -> Dataset:
 
     Raises `DatasetError`, `ProtocolError` or `RosterError` for protocol, seal, seed, roster or plan.
     """
-    settled, paths = _settled(root), journals(root)
+    settled, paths = _expected(root), journals(root)
     kept = [path for path in paths if not settled.people.has_erased(str(path))]
     read = dict(zip(kept, each(partial(_read_journal, settled), kept), strict=True))
     return replace(
@@ -244,7 +244,7 @@ def _read_journal(
     return header, "under way" if progress(contents.entries).footer is None else "ended", None
 
 
-def _settled(root: Path) -> Dataset:
+def _expected(root: Path) -> Dataset:
     """Return what the journals of a dataset have to fit. Raises as `load`."""
     storage.refuse_other_format(root)
     kept = storage.protocol_path(root)
@@ -258,7 +258,11 @@ def _settled(root: Path) -> Dataset:
         seed, purpose = enrolment.seed_of(root), enrolment.purpose_of(root)
         roster = Roster.load(storage.roster_path(root))
         tasks = {one.participant: one.tasks for one in allocated(protocol, seed, roster.takes)}
-        seal = approval.held(kept, protocol) if any(storage.size(path) for path in storage.journals(root)) else None
+        seal = (
+            approval.dataset_seal(kept, protocol)
+            if any(storage.size(path) for path in storage.journals(root))
+            else None
+        )
         return Dataset(root, protocol, purpose, seed, tasks, roster=roster, seal=seal)
     try:
         plan = Plan.model_validate_json(storage.read_bytes(plan_file))

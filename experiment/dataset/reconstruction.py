@@ -70,7 +70,7 @@ def _table(path: Path, stated: Stated) -> Table:
     try:
         table = read_table(path, COLUMNS, (), stated)
     except PalpateError as error:
-        raise DatasetError.of(error) from error
+        raise DatasetError.saying(error) from error
     if table.header != COLUMNS:
         raise DatasetError(path, f"line 1: got header {','.join(table.header)!r}", allowed=",".join(COLUMNS))
     return table

@@ -68,7 +68,7 @@ class Person:
         return f"task {self.position} of {len(self.order)}"
 
     @property
-    def told(self) -> str:
+    def standing(self) -> str:
         """Where somebody under way stands, in a sentence."""
         if self.task is None:
             return f"{self.participant} is between tasks: {self.place} comes next."
@@ -182,7 +182,7 @@ class Status:
                 "",
                 *self._table(),
                 *_listed("Revealed before a session:", [f"{who}, on {day}." for who, day in self.revealed.items()]),
-                *_listed("Under way:", [one.told for one in under_way]),
+                *_listed("Under way:", [one.standing for one in under_way]),
                 *_listed("Next:", come),
                 *_listed("AGAINST THE EVIDENCE (palpate verify tells more):", self.doubts, self.root),
                 *_listed("To do:", self.reminders, self.root),

@@ -137,7 +137,7 @@ def _table(path: Path, layout: Layout, stated: Stated) -> Table:
     try:
         table = read_table(path, layout.columns(), times, stated)
     except PalpateError as error:
-        raise DatasetError.of(error) from error
+        raise DatasetError.saying(error) from error
     if not table.header:
         raise DatasetError(path, "got an empty file", "name another file", allowed="a header, and a row for each trial")
     _check_header(path, layout, table)
@@ -164,7 +164,7 @@ class _Cells:
         """Return how many columns the header has."""
         return len(self.table.header)
 
-    def of(self, column: str) -> str:
+    def cell(self, column: str) -> str:
         place = self.places[column]
         return self.cells[place].strip() if place < len(self.cells) else ""
 
@@ -176,9 +176,9 @@ class _Cells:
 
 
 def _row(path: Path, file: int, line: int, layout: Layout, materials: Sequence[str], cells: _Cells) -> Row | str:
-    if any(cells.of(column) != value for column, value in layout.where.items()):
+    if any(cells.cell(column) != value for column, value in layout.where.items()):
         return ""
-    shown = cells.of(layout.presented)
+    shown = cells.cell(layout.presented)
     if shown in ABSENT and shown not in layout.materials and shown not in materials:
         return shown
     if not cells.fits:
@@ -196,15 +196,15 @@ def _row(path: Path, file: int, line: int, layout: Layout, materials: Sequence[s
             path, line, layout.presented, shown, _listed(dict.fromkeys((*layout.materials, *allowed))),
             f"give --map-presented {shown}=MATERIAL",
         )  # fmt: skip
-    participant = layout.people.get(cell := cells.of(layout.participant), cell)
+    participant = layout.people.get(cell := cells.cell(layout.participant), cell)
     if participant in ABSENT:
         raise _refused(path, line, layout.participant, participant, "who took part", "fill it in")
-    task = "" if layout.task is None else cells.of(layout.task)
+    task = "" if layout.task is None else cells.cell(layout.task)
     if layout.task is not None and task in ABSENT:
         raise _refused(path, line, layout.task, task, "which task this was", "fill it in")
-    said = cells.of(layout.answered)
+    said = cells.cell(layout.answered)
     answered = layout.answers.get(said, NO_ANSWER if said in ABSENT and said not in materials else said)
-    trial = None if layout.trial is None else _whole(path, line, layout.trial, cells.of(layout.trial))
+    trial = None if layout.trial is None else _whole(path, line, layout.trial, cells.cell(layout.trial))
     return Row(file, line, participant, task, trial, presented, answered, _time_s(path, line, layout, cells))
 
 
@@ -217,7 +217,7 @@ def _whole(path: Path, line: int, column: str, cell: str) -> int:
 
 def _time_s(path: Path, line: int, layout: Layout, cells: _Cells) -> float | None:
     column = layout.time_s or layout.time_ms
-    if column is None or (cell := cells.of(column)) in ABSENT:
+    if column is None or (cell := cells.cell(column)) in ABSENT:
         return None
     value = cells.table.number(cell)
     if not (math.isfinite(value) and value >= 0):

@@ -221,7 +221,7 @@ def _session(path: Path, headers: list[Header]) -> str:
     headers.append(contents.header)
     journal.refuse_unreadable(path, contents)
     rig_file = storage.rig_path(path)
-    rig = rigs.kept(rig_file, contents.header.rig_sha256)
+    rig = rigs.session_rig(rig_file, contents.header.rig_sha256)
     if rig.actuator.shaping:
         rigs.response_table(rig_file.parent, rig.actuator.shaping)
     outcomes = [entry for entry in contents.entries if isinstance(entry, Outcome)]

@@ -55,7 +55,7 @@ class Held:
 
 
 @contextmanager
-def held() -> Iterator[Held]:
+def deferred() -> Iterator[Held]:
     """Defer interrupts until the end, then raise one that came, unless something else was raised.
 
     This is for Python's own `KeyboardInterrupt` in the main thread, without another handler.

@@ -389,7 +389,7 @@ class LinkedConsole:
             case questions.Break(left_s=left_s):
                 self._now(state="paused", pause_until_ns=wall_ns() + int(left_s * 1e9))
                 try:
-                    return self._put(question, most_s=left_s)
+                    return self._reply(question, most_s=left_s)
                 finally:
                     self._now(state="preparing", pause_until_ns=None)
             case questions.Report():
@@ -403,7 +403,7 @@ class LinkedConsole:
                 after = steps[steps.index(at) + 1] if at in steps[:-1] else questions.DEBRIEFING
                 self._now(trial=None, step=after if after == questions.DEBRIEFING else at)
                 question = questions.Debrief(at, after)
-        return self._put(question)
+        return self._reply(question)
 
     def _familiarise(self, question: questions.Familiarise) -> Reply:
         begun_ns, reply = wall_ns(), Reply()
@@ -411,10 +411,10 @@ class LinkedConsole:
         try:
             if question.min_s > 0:
                 self._now(pause_until_ns=begun_ns + int(question.min_s * 1e9))
-                reply = self._put(replace(question, early=True), most_s=question.min_s)
+                reply = self._reply(replace(question, early=True), most_s=question.min_s)
             if not reply.key:
                 self._now(pause_until_ns=begun_ns + int(question.max_s * 1e9))
-                reply = self._put(question)
+                reply = self._reply(question)
             return reply
         finally:
             self._now(state="preparing", instruction="", pause_until_ns=None)
@@ -439,7 +439,7 @@ class LinkedConsole:
         self._now(state="answering", trial=question.trial, answers=answers)
         if (wanted := self._take_repeated()) is not None:
             return Reply(remark=wanted)
-        reply = self._put(question)
+        reply = self._reply(question)
         return replace(reply, remark=self._take_repeated())
 
     def ignored(self) -> str:
@@ -458,9 +458,9 @@ class LinkedConsole:
                 until_ns = wall_ns() + int(pausing.minutes * 60e9)
             self._now(state="paused", lay_out="", trial=None, pause_until_ns=until_ns)
             try:
-                reply = self._put(question)
+                reply = self._reply(question)
                 if reply.key == ENTER and until_ns is not None and wall_ns() < until_ns:
-                    reply = self._put(END_BREAK)
+                    reply = self._reply(END_BREAK)
                 if reply.key != ESCAPE:
                     return reply
             except PauseAsked:
@@ -481,7 +481,7 @@ class LinkedConsole:
         self.wake()
 
     def _watched(self) -> bool:
-        """Wait for a console, and at first the screen; return whether either was away. Raises as `_put`."""
+        """Wait for a console, and at first the screen; return whether either was away. Raises as `_reply`."""
         waited = self._awaits_screen and not self._screens
         if waited:
             with self._open(SCREEN_OPENS), self._changed:
@@ -502,7 +502,7 @@ class LinkedConsole:
             wanted, self._repeated = self._repeated, None
             return wanted
 
-    def _put(self, question: Question, *, most_s: float = inf) -> Reply:
+    def _reply(self, question: Question, *, most_s: float = inf) -> Reply:
         """Ask, and return the reply, without a key after `most_s`. Raises `PauseAsked` and `LinkError`."""
         ends_s = monotonic_ns() / 1e9 + most_s
         with self._open(question), self._changed:

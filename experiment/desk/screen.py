@@ -249,7 +249,7 @@ class Screen:
                     _send(heard.line, Choose(question=self._prompt.question or 0, key=choice))
             self._show(heard)
             self._tell(heard)
-            if self._over(heard):
+            if self._session_over(heard):
                 return
             time.sleep(POLL_S)
 
@@ -297,7 +297,7 @@ class Screen:
         self._told = line, prompt.number
         _send(line, Shown(number=prompt.number, t_ns=self._since_ns))
 
-    def _over(self, heard: Heard) -> bool:
+    def _session_over(self, heard: Heard) -> bool:
         """Return whether the session has been gone for long enough: after its thanks, or for good."""
         if heard.line is not None or (heard.prompt is None and self.stays):
             self._gone_ns = None

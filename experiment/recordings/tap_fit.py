@@ -335,7 +335,7 @@ def read_taps(path: Path, stated: Stated = NOTHING_STATED) -> tuple[Tapped, ...]
     try:
         table = read_table(path, COLUMNS, COLUMNS[2:], stated)
     except PalpateError as error:
-        raise RecordingError.of(error) from None
+        raise RecordingError.saying(error) from None
     if sorted(table.header) != sorted(COLUMNS):
         raise RecordingError(
             path,

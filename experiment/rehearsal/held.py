@@ -50,7 +50,7 @@ class Held:
     cpu_s: float
 
     @property
-    def told(self) -> str:
+    def words(self) -> str:
         """The same in words."""
         held = f"{self.mb:.0f} MB, {self.threads} threads, {len(self.modules)} modules"
         return f"{held}, open after {self.cpu_s:.1f} s of processor time"
@@ -134,7 +134,7 @@ def _process(protocol_file: Path, rig_file: Path, rig: "Rig", task: str, recordi
         with ExitStack() as opened:
             ends = simulated_far_ends(rig, opened)
             files = str(protocol_file), str(rig_file), task, str(recordings)
-            return started(Asked(*files, ends.port, ends.address, ends.device), opened).told
+            return started(Asked(*files, ends.port, ends.address, ends.device), opened).words
     except PalpateError as error:
         return f"not measured: {error.finding.sentence()}"
 

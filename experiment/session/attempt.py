@@ -150,12 +150,12 @@ class Attempts:
             self.outage = stopped.sentence()
             return Event.LOST
         self.remarks.note_ignored()
-        if self.limits.over():
+        if self.limits.end_reason():
             # While something was laid out, or the tracker zeroed.
             return Event.BROKEN_OFF
         self.log.write(Armed(trial=planned.trial, attempt=attempt, presented=planned.presented))
         # Whatever goes wrong, the attempt is put on disk first: it may have been felt.
-        with interrupts.held() as interrupt:
+        with interrupts.deferred() as interrupt:
             try:
                 seen = self.kind.watch(interrupt.let_through)
             except JournalError:

@@ -148,7 +148,7 @@ class Exposed:
         reason, self._skipped = self._skipped, ""
         return reason
 
-    def over(self, ahead_ns: int = 0) -> str:
+    def end_reason(self, ahead_ns: int = 0) -> str:
         """Return why nothing may be felt `ahead_ns` from now, or nothing; what is over stays over.
 
         Raises `PalpateError` if a part that is watched failed.
@@ -172,7 +172,7 @@ class Exposed:
         self._silence()
         if self._kind is not None:
             self._kind.beat(self.ends_ns)
-        if not self._told and self.over() and (why := self._over):
+        if not self._told and self.end_reason() and (why := self._over):
             self._told = True
             self._tell_over(why)
         before_ns, self._looked_ns = self._looked_ns, self.clock.now_ns()

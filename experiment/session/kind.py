@@ -84,7 +84,7 @@ class Limits(Protocol):
     def ends_ns(self) -> int:
         """The session time from which on nothing may be felt, ns."""
 
-    def over(self, ahead_ns: int = 0) -> str:
+    def end_reason(self, ahead_ns: int = 0) -> str:
         """Return why nothing may be felt `ahead_ns` from now, or nothing while it may. Raises `PalpateError`."""
 
     def skip(self, reason: str) -> None:

@@ -108,8 +108,8 @@ def run(
     if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
         recordings = _real_recordings(root, recordings, protocol)
     _judge_rig(protocol, rig, rig_file, recordings, tasks, console)
-    visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
-    visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
+    visit.ask_first(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
+    visit.ask_first(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
     # The seal of the first session stays in the dataset, and shows under which approval it was begun.
     if not (kept := approval.seal_path(storage.protocol_path(root))).exists():

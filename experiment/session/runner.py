@@ -177,7 +177,7 @@ class SessionLog:
     def follow(self, entries_after: Callable[[Progress], Iterable[Entry]]) -> None:
         """Put into the journal what follows from where the session stands; nothing else is written in between."""
         # An interrupt waits until the entry is on disk, so that a footer may follow it.
-        with interrupts.held(), self._waiting(), self._lock:
+        with interrupts.deferred(), self._waiting(), self._lock:
             for entry in entries_after(self.done):
                 self._journal.append(entry)
                 self.done = self.done.after(entry)
@@ -313,7 +313,7 @@ class _Session:
 
     def _mask(self) -> None:
         """Have the masker begin where trials remain, and its level chosen."""
-        if self._masking is not None and self.log.done.remaining and not self._exposed.over():
+        if self._masking is not None and self.log.done.remaining and not self._exposed.end_reason():
             probe = self._attempts.kind.probe
             self._masking.choose(self.protocol.masker, self.log.done.masker_db_a, probe)
 
@@ -322,7 +322,7 @@ class _Session:
         devices, ear = self.devices, self._ear
         if ear is None or devices.microphone is None or devices.computing is None or not self.log.done.remaining:
             return
-        if self._exposed.over():
+        if self._exposed.end_reason():
             return
         from palpate.experiment.desk.voice.enrolling import Enroller
 
@@ -372,7 +372,7 @@ class _Session:
 
     def _why_not(self, trial: int, begun: Counter[int]) -> str:
         """Return why no further attempt is begun, or nothing."""
-        if over := self._exposed.over():
+        if over := self._exposed.end_reason():
             return over
         if self._attempts.undelivered >= MOST_UNDELIVERED:
             count = self._attempts.undelivered
@@ -405,7 +405,7 @@ class _Session:
                 why = stopped.sentence()
             else:
                 return ""
-            if over := self._exposed.over():
+            if over := self._exposed.end_reason():
                 return over
         return why if slices == 1 else f"waited for {wait_s:g} s: {why}"
 
@@ -413,7 +413,7 @@ class _Session:
         self._state = follow(self._state, event)
 
     def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> entries.Footer:
-        with interrupts.held():
+        with interrupts.deferred():
             # Whatever the disk does, from now on nothing is felt or heard.
             self._exposed.pause(detail or reason)
             silent = self._attempts.kind.is_silent()

@@ -44,7 +44,7 @@ def _task(console: Console, task: str, run: Callable[[str], Footer], noting: Cal
         # Who ends the process by a signal waits for no key.
         if footer.reason != "paused" or footer.detail == INTERRUPTED:
             return footer
-        if not _goes_on(console, told(footer, onward=False), noting):
+        if not _goes_on(console, ending_words(footer, onward=False), noting):
             return footer
 
 
@@ -57,7 +57,7 @@ def _goes_on(console: Console, why: str, noting: Callable[[], Attended | None]) 
         console.attend(None)
 
 
-def asked(console: Console, ask: Callable[[], None]) -> None:
+def ask_first(console: Console, ask: Callable[[], None]) -> None:
     """Ask something before the first session; a pause there goes on with the same question. Raises `PauseAsked`."""
     while True:
         try:
@@ -72,7 +72,7 @@ def visit_steps(tasks: Sequence[str]) -> tuple[str, ...]:
     return (*tasks, DEBRIEFING)
 
 
-def told(footer: Footer, *, onward: bool = True, last: bool = False) -> str:
+def ending_words(footer: Footer, *, onward: bool = True, last: bool = False) -> str:
     """Return in sentences how a session ended, and, if `onward`, how it goes on; it may be the `last` of a visit."""
     if footer.reason == "complete":
         return f"The session is complete: {footer.answered} answers.{' The visit is done.' if last else ''}"

@@ -78,18 +78,18 @@ def looks(name: str) -> tuple[str, str]:
 
 def free(text: str) -> str:
     """Return a text of one line or several. Raises `ValueError` if it holds a refused character."""
-    return _without(text, (*hidden(text, but="\n" + JOINERS), *deceptive(text)))
+    return _refuse_characters(text, (*hidden(text, but="\n" + JOINERS), *deceptive(text)))
 
 
 def one_line(text: str) -> str:
     """Return a text of one line. Raises `ValueError` if it holds a newline or a refused character."""
-    return _without(text, (*hidden(text, but=JOINERS), *deceptive(text)))
+    return _refuse_characters(text, (*hidden(text, but=JOINERS), *deceptive(text)))
 
 
 def naming(text: str) -> str:
     """Return a name. Raises `ValueError` if it holds what cannot be seen, a double quote, or what runs to the left."""
     odd = (one for one in text if one in QUOTES or _is_selector(one))
-    return _without(text, (*hidden(text), *deceptive(text), *leftward(text), *odd))
+    return _refuse_characters(text, (*hidden(text), *deceptive(text), *leftward(text), *odd))
 
 
 def plain(text: str, keep: str = "\n\t") -> str:
@@ -169,7 +169,7 @@ def _alphabet(character: str) -> str:
     return "" if alphabet in UNSPACED else alphabet
 
 
-def _without(text: str, refused: tuple[str, ...]) -> str:
+def _refuse_characters(text: str, refused: tuple[str, ...]) -> str:
     if refused:
         raise ValueError(f"holds {', '.join(map(code, refused))}")
     return text

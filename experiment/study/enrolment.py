@@ -67,7 +67,7 @@ def enrol(
     root = root or default_root(protocol, pilot=pilot)
     refuse_rehearsal(root)
     if approval.seal_path(protocol_file).exists():
-        approval.held(protocol_file, protocol)
+        approval.dataset_seal(protocol_file, protocol)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
     known = Roster.continued(path)
@@ -78,7 +78,7 @@ def enrol(
         raise DatasetError(root, "has participants and no roster", f"restore {path} and its head from a backup")
     known.check_next(participant)
     settle(root, protocol_file, protocol, seed, purpose)
-    settled = _settled(root)
+    settled = _read_settled(root)
     known.enrol(participant, consent_on, takes, settled.salt and settled.sha256)
     return path
 
@@ -89,7 +89,7 @@ def seed_of(root: Path) -> int:
     Raises `DatasetError` if it is missing, broken or not the one hashed in the roster; `RosterError` for a broken
     roster.
     """
-    settled, known = _settled(root), Roster.load(storage.roster_path(root))
+    settled, known = _read_settled(root), Roster.load(storage.roster_path(root))
     if settled.salt and known.consent_on and known.seed_sha256 is None:
         what = "lacks the seed's hash in the line of the first participant: it was cut or changed"
         raise DatasetError(known.path, what, "restore it from a backup")
@@ -106,12 +106,12 @@ def seed_of(root: Path) -> int:
 
 def seed_is_proven(root: Path) -> bool:
     """Return whether a seed that `seed_of` returns is shown by its hash: it has its salt, and the roster the hash."""
-    return _settled(root).salt is not None and Roster.load(storage.roster_path(root)).seed_sha256 is not None
+    return _read_settled(root).salt is not None and Roster.load(storage.roster_path(root)).seed_sha256 is not None
 
 
 def purpose_of(root: Path) -> Purpose:
     """Return what the sessions of this dataset are for: STUDY or PILOT. Raises `DatasetError` as `seed_of`."""
-    return _settled(root).purpose
+    return _read_settled(root).purpose
 
 
 class Settled(Record):
@@ -128,7 +128,7 @@ class Settled(Record):
         return hashlib.sha256(f"{self.salt}:{self.seed}".encode()).hexdigest()
 
 
-def _settled(root: Path) -> Settled:
+def _read_settled(root: Path) -> Settled:
     file = storage.seed_path(root)
     storage.refuse_other_format(root)
     try:

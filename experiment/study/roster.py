@@ -144,13 +144,13 @@ class Roster:
     @classmethod
     def load(cls, path: Path) -> Roster:
         """Return a roster; without a file nobody is enrolled. Raises `RosterError` for an unreadable or broken one."""
-        return cls._of(path, chain.read(path, RosterError))
+        return cls._replay(path, chain.read(path, RosterError))
 
     def as_of(self, sha256: str | None) -> Roster:
         """Return the roster as it was when its last line had this hash. Raises `RosterError` if it has no such line."""
         for number, link in enumerate(self.lines.links, start=1):
             if link.sha256 == sha256:
-                return self._of(self.path, Chain(self.lines.links[:number]))
+                return self._replay(self.path, Chain(self.lines.links[:number]))
         raise RosterError(
             self.path, "lacks a line that a session began under: it was cut or changed", "restore it from a backup"
         )
@@ -231,7 +231,7 @@ class Roster:
         check_consent(participant, consent_on, approved_on=approved_on, today=today)
 
     @classmethod
-    def _of(cls, path: Path, lines: Chain) -> Roster:
+    def _replay(cls, path: Path, lines: Chain) -> Roster:
         """Replay the lines of a roster's file."""
         roster = cls(path, lines=lines)
         for number, link in enumerate(lines.links, start=1):

@@ -51,7 +51,7 @@ def withdraw(
     return path
 
 
-def held(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:
+def count_recorded(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:
     """Return how many sessions and answers of a participant exist. Raises `RosterError` and `SessionLocked`."""
     root = study_begun(protocol_file, root)
     Roster.load(storage.roster_path(root)).check_enrolled(participant)

@@ -90,14 +90,14 @@ class AtBins:
     def voltages_v(self, amplitudes_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return W(f, a) of each known bin, at most the highest level; both of shape (K,), and none below 0."""
         segment = (self.curves[1:-1] < amplitudes_m_s2).sum(axis=0)
-        return _between(amplitudes_m_s2, *self._ends(segment, slice(None)), *self._levels(segment))
+        return _interpolated(amplitudes_m_s2, *self._ends(segment, slice(None)), *self._levels(segment))
 
     def amplitudes_m_s2(
         self, voltages_v: NDArray[np.float64], some: NDArray[np.intp] | slice = slice(None)
     ) -> NDArray[np.float64]:
         """Return A(f, e) of some of the known bins, all by default; one voltage and amplitude a bin, none below 0."""
         segment = np.searchsorted(self.levels_v[1:-1], voltages_v)
-        return _between(voltages_v, *self._levels(segment), *self._ends(segment, some))
+        return _interpolated(voltages_v, *self._levels(segment), *self._ends(segment, some))
 
     def _ends(
         self, segment: NDArray[np.intp], some: NDArray[np.intp] | slice
@@ -297,7 +297,7 @@ def response_at(response: Response, samples: int, rate_hz: int, bins: int) -> At
     return at_bins(response, bin_frequencies_hz(bins=samples, rate_hz=rate_hz)[:bins])
 
 
-def _between(
+def _interpolated(
     x: NDArray[np.float64],
     low: NDArray[np.float64],
     high: NDArray[np.float64],

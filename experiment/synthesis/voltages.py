@@ -83,7 +83,7 @@ class DrivenBasis:
         if piece is None or not piece.speeds_mm_s[0] <= v <= piece.speeds_mm_s[-1]:
             return None
         place = min(bisect_right(piece.speeds_mm_s, v), len(piece.knots) - 1)
-        return _between(piece.knots[place - 1], piece.knots[place], v)
+        return _blend(piece.knots[place - 1], piece.knots[place], v)
 
     @property
     def nbytes(self) -> int:
@@ -96,7 +96,7 @@ class DrivenBasis:
         )
 
 
-def _between(low: Knot, high: Knot, speed_mm_s: float) -> tuple[NDArray[np.float64], float] | None:
+def _blend(low: Knot, high: Knot, speed_mm_s: float) -> tuple[NDArray[np.float64], float] | None:
     """Return the weighted sum of two neighbours, V, shape (n,), and its scale; None if one of them is not held."""
     if low.waveform_v is None or high.waveform_v is None:
         return None
@@ -179,7 +179,7 @@ class _Line:
     def _gap(self, low: Knot, high: Knot, loudest_v: float) -> Knot | None:
         """Return a knot without a waveform between two neighbours whose weighted sum may miss or waste too much."""
         speed_mm_s = (low.speed_mm_s + high.speed_mm_s) / 2
-        found = _between(low, high, speed_mm_s)
+        found = _blend(low, high, speed_mm_s)
         if found is None:
             return None
         scale = found[1]

@@ -25,7 +25,7 @@ from scipy.linalg import helmert
 from scipy.special import expit
 
 from palpate.analysis.identification import maps, trial_models
-from palpate.analysis.identification.companion_tests import MARGIN, beside, marginal
+from palpate.analysis.identification.companion_tests import MARGIN, marginal, run_companions
 from palpate.analysis.identification.confusion import Confusion, information, information_limits, most_confused
 from palpate.analysis.identification.trial_models import Design
 from palpate.analysis.reading.study import Study, Task
@@ -184,7 +184,7 @@ def intervals(shown: Counts, share: float) -> Iterator[tuple[str, Iterable[bool]
 
 def one_by_one(shown: Counts) -> Iterator[tuple[str, bool]]:
     """Yield whether tests of models err in one study, shape (2, people, 4, 4)."""
-    logit = beside(_study(), _matrices(shown), np.random.default_rng(1)).logit
+    logit = run_companions(_study(), _matrices(shown), np.random.default_rng(1)).logit
     for name in ("task", "material"):
         hits = [term.p < ALPHA for term in logit.terms if term.name == name] if logit else []
         yield f"logit by participant, material and task, {name} (ours)", any(hits)

@@ -46,7 +46,7 @@ def test_a_file_s_error_sums_up_its_findings_and_passes_between_processes() -> N
         (FILE, "seed", "'x'"),
     ]
     again = pickle.loads(pickle.dumps(error))
-    as_rig = RigError.of(error)
+    as_rig = RigError.saying(error)
     for other in (again, as_rig):
         assert (str(other), other.finding, other.findings) == (str(error), error.finding, error.findings)
     assert (type(again), type(as_rig)) == (ProtocolError, RigError)

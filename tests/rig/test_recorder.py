@@ -136,7 +136,7 @@ def test_what_is_recorded_is_the_session_that_rehearsals_write(recorded: Path, r
     listed = tomllib.loads((recorded / "manifest.toml").read_text("utf-8"))["takes"]
     same = 0
     for entry in listed:
-        kept = drawn.kept(Condition(entry.get("material"), entry["speed_mm_s"], entry["number"]))
+        kept = drawn.kept_take(Condition(entry.get("material"), entry["speed_mm_s"], entry["number"]))
         _, heard = wavfile.read(recorded / entry["file"])
         shifts = range(-10, 60)
         off = [np.abs(heard[max(-s, 0) :][:2000] - kept.samples_m_s2[max(s, 0) :][:2000]).max() for s in shifts]

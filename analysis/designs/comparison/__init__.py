@@ -47,7 +47,7 @@ from palpate.analysis.documents.tables import (
     p_is,
     plural,
     tabulate,
-    without,
+    without_keys,
 )
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
@@ -111,7 +111,7 @@ def sections(study: Study, results: Compared, printed: Published | None) -> tupl
     }
     return (
         _answers(study, results, stands),
-        _found(study, results, ", ".join(dict.fromkeys(against))),
+        _answers_section(study, results, ", ".join(dict.fromkeys(against))),
         _overview(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
@@ -137,7 +137,7 @@ def _answers(study: Study, results: Compared, stands: plan.Standing) -> Section:
             warnings += [f"{task.task.id}: {REDUCED}"] * one.scale.reduced
             if one.p is not None and one.p < 0.001:
                 warnings.append(f"{task.task.id}: the scale does not fit the answers (deviance, {p_is(one.p)}).")
-        asked.append(Asked(question, " ".join(said), stands.of(law, *tasks), tuple(warnings)))
+        asked.append(Asked(question, " ".join(said), stands.mark(law, *tasks), tuple(warnings)))
     return Section("answers", "Questions and answers", (left_and_sure(study),), asked=tuple(asked))
 
 
@@ -147,7 +147,7 @@ def _overview(study: Study, results: Compared) -> Section:
          "without_answer": task.unanswered}
         for task in results.tasks
     )  # fmt: skip
-    found = plan.overview(study, rows, partial(_done, results), tuple(map(str.title, LAWS)))
+    found = plan.overview(study, rows, partial(_scale_words, results), tuple(map(str.title, LAWS)))
     by = "" if results.quality == UNNAMED else f" by their {results.quality}"
     about = (
         f"Pairs of materials were compared{by}. From the least to the most the protocol has "
@@ -157,9 +157,9 @@ def _overview(study: Study, results: Compared) -> Section:
     return replace(found, paragraphs=(first, about, *rest))
 
 
-def _found(study: Study, results: Compared, mark: str) -> Section:
+def _answers_section(study: Study, results: Compared, mark: str) -> Section:
     """Return what was asked and found, a table with a `mark`: how often pairs were told right, and steps of a scale."""
-    paragraphs = [*plan.asked(study)]
+    paragraphs = [*plan.planned_questions(study)]
     paragraphs += [" ".join(_compared(task, results)) for task in results.tasks]
     records: list[Record] = []
     for task in results.tasks:
@@ -252,7 +252,7 @@ def _side(step: Estimate) -> str:
     return "below" if step.high is not None and step.high < 0 else "not"
 
 
-def _done(results: Compared, test: PlannedTest) -> str:
+def _scale_words(results: Compared, test: PlannedTest) -> str:
     """Return in words what was run of a planned scale."""
     said = []
     for task in test.tasks:
@@ -300,7 +300,7 @@ def _matrix(results: Compared, task: TaskComparisons) -> Table:
     same = frozenset((place, place + 1) for place in range(len(results.materials)))
     title = f"{task.task.title}: percent right (95 % CI)"
     table = tabulate(title, columns, crossed(records, "high", "low"), notes, marked=same)
-    return replace(table, matrix=True, records=without(records, {"cell"}))
+    return replace(table, matrix=True, records=without_keys(records, {"cell"}))
 
 
 def _in_print(study: Study, results: Compared, tasks: list[TaskComparisons]) -> Section:
@@ -363,7 +363,7 @@ def _scales(results: Compared, stands: plan.Standing) -> Section:
             if one.scale is None:
                 paragraphs.append(f"{task.task.id}: there is no scale of {LAWS[one.law][0]}: {_why(one, results)}.")
                 continue
-            mark = stands.of(one.law.title(), task.task.id)
+            mark = stands.mark(one.law.title(), task.task.id)
             tables.append(_scale(results, task, one, mark))
     name = f"Scales of {results.quality}"
     return Section("scales", name, tuple(paragraphs), tuple(tables), aside=(about, FIT))

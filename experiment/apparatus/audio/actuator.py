@@ -165,7 +165,7 @@ class AudioActuator:
         """
         cue, requested_ns = self._cue, self._requested_ns
         if cue is not None and cue.withdrawn:
-            return self._said(requested_ns or contact_ns, TAKEN_BACK)
+            return self._delivery(requested_ns or contact_ns, TAKEN_BACK)
         if cue is None or requested_ns is None:
             raise ActuatorError(
                 "actuator",
@@ -176,30 +176,30 @@ class AudioActuator:
         while not cue.done:
             self._stream.wait(self._stream.next_frame + 1)
         if cue.withdrawn:
-            return self._said(requested_ns, TAKEN_BACK)
+            return self._delivery(requested_ns, TAKEN_BACK)
         if cue.cut:
             over = self._stream.ends_ns <= self._stream.ns_of(self._stream.next_frame) + self._output_ns
             why = "the session's sound had ended" if over else "the servo or the device had fallen silent"
-            return self._said(requested_ns, f"it was cut off, for {why}")
+            return self._delivery(requested_ns, f"it was cut off, for {why}")
         if cue.started is None:
-            return self._said(requested_ns, "the stream came too late for it")
+            return self._delivery(requested_ns, "the stream came too late for it")
         self._stream.wait(cue.started + cue.samples)
         changed = self._stream.limited(self._channel) - self._limited
         fault = f"the stream's limiter changed its output ({changed} samples while it sounded)" if changed else ""
         if self._audio.channels.loopback is None:
-            return self._said(requested_ns, fault) if fault else None
+            return self._delivery(requested_ns, fault) if fault else None
         latency, rate_hz = self._audio.latency, self._stream.rate_hz
         behind = round((latency.output_ms + latency.input_ms) / 1e3 * rate_hz)
         reach = round(REACH_S * rate_hz)
         first = max(cue.started + behind - reach, 0)
         end = cue.started + behind + cue.samples + reach
-        heard = self._stream.kept(first, end - first)[:, self._audio.channels.loopback - 1]
+        heard = self._stream.heard_inputs(first, end - first)[:, self._audio.channels.loopback - 1]
         gain = latency.loopback_gain
         if not self._samples.any():
-            return self._said(requested_ns, silence_objection(heard, gain=gain, tolerance=self._tolerance))
+            return self._delivery(requested_ns, silence_objection(heard, gain=gain, tolerance=self._tolerance))
         found = align(heard, self._samples, gain=gain)
         if found is None:
-            return self._said(requested_ns, "the loopback did not hear it")
+            return self._delivery(requested_ns, "the loopback did not hear it")
         onset_ns = self._stream.ns_of(first + found.onset) - round(latency.input_ms * 1e6)
         reason = fault or objection(
             found,
@@ -208,13 +208,13 @@ class AudioActuator:
             gain=gain,
             tolerance=self._tolerance,
         )
-        return self._said(requested_ns, reason, onset_ns, found)
+        return self._delivery(requested_ns, reason, onset_ns, found)
 
     def close(self) -> None:
         """Withdraw what has not begun."""
         self.withdraw()
 
-    def _said(
+    def _delivery(
         self, requested_ns: int, reason: str, onset_ns: int | None = None, found: Alignment | None = None
     ) -> Delivered:
         return Delivered(

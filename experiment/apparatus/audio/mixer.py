@@ -213,7 +213,7 @@ class Mixer:
                 self._fill(outputs[piece], inputs[piece], first + begin)
         self.frame = first + frames
 
-    def kept(self, frame: int, frames: int) -> Block:
+    def heard_inputs(self, frame: int, frames: int) -> Block:
         """Return what the inputs heard from a frame on, shape (frames, inputs); `AudioError` unless all is kept."""
         return self._taken(self._kept, frame, frames)
 

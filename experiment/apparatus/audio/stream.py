@@ -442,10 +442,10 @@ class AudioStream:
         self._mixer.loop = loop
         return loop
 
-    def kept(self, frame: int, frames: int) -> Block:
+    def heard_inputs(self, frame: int, frames: int) -> Block:
         """Return what the inputs heard, once they have: shape (frames, inputs); `AudioError` if that cannot be had."""
         self.wait(frame + frames)
-        return self._mixer.kept(frame, frames)
+        return self._mixer.heard_inputs(frame, frames)
 
     def sent(self, frame: int, frames: int) -> Block:
         """Return what left on the output that is kept, once it has, shape (frames,); `AudioError` as `kept`."""

@@ -141,7 +141,7 @@ class _Listening:
         with self._changed:
             if not self._wait(lambda: self._sample_at(latest_ns) + 1):
                 return self._missing()
-            first, held = self._held()
+            first, held = self._kept_samples()
             begin = min(max(self._sample_at(earliest_ns) - first, 0), held.size)
             end = max(self._sample_at(latest_ns) - first, begin)
             start_ns = self._start_ns()
@@ -155,7 +155,7 @@ class _Listening:
             start = max(triggered - before, first)
             if not self._wait(lambda: start + self._samples):
                 return self._missing()
-            first, held = self._held()
+            first, held = self._kept_samples()
         taken = held[start - first : start - first + self._samples]
         if not np.all(np.isfinite(taken)):
             return NOT_NUMBERS
@@ -166,7 +166,7 @@ class _Listening:
         with self._changed:
             if not self._wait(lambda: self._samples):
                 return self._missing()
-            taken = self._held()[1][: self._samples]
+            taken = self._kept_samples()[1][: self._samples]
         return taken if np.all(np.isfinite(taken)) else NOT_NUMBERS
 
     def stop(self) -> None:
@@ -199,7 +199,7 @@ class _Listening:
     def _time_ns(self, sample: int, start_ns: float) -> int:
         return round(start_ns + sample * 1e9 / self._rate_hz)
 
-    def _held(self) -> tuple[int, NDArray[np.float32]]:
+    def _kept_samples(self) -> tuple[int, NDArray[np.float32]]:
         return self._first, np.concatenate([piece for piece, _ in self._pieces])
 
     def _run(self) -> None:

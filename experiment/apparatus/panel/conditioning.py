@@ -159,7 +159,7 @@ class Conditioner:
 
         Raises `ActuatorError` for nothing to play, and `SynthesisError` if the spectrum overflows.
         """
-        wanted, scale, method = self._made(stimulus)
+        wanted, scale, method = self._conditioned(stimulus)
         if np.ndim(wanted) != 1 or np.size(wanted) == 0:
             raise ActuatorError(
                 "actuator", f"got a stimulus of shape {np.shape(wanted)}", allowed="one channel, one sample or more"
@@ -169,9 +169,9 @@ class Conditioner:
         np.divide(bounded, self._full_scale, out=samples, casting="same_kind")
         np.clip(samples, -self._highest, self._highest, out=samples)
         played = Played(stimulus, samples, self._full_scale, limited, method, self._drive, scale, self._carries_hz)
-        return played if self._movement is None else self._within(played, self._movement)
+        return played if self._movement is None else self._limited(played, self._movement)
 
-    def _within(self, played: Played, movement: Movement) -> Played:
+    def _limited(self, played: Played, movement: Movement) -> Played:
         """Return a stimulus taken down as a whole to where its panel moves by the protocol's limit at most."""
         peak, down = movement.peak(played.samples), 1.0
         if peak.highest_m_s2 > self._limit_m_s2:
@@ -182,7 +182,7 @@ class Conditioner:
             played, samples=samples, moved=Peak(peak.peak_m_s2 * down, peak.uncertainty_m_s2 * down), panel_scale=down
         )
 
-    def _made(self, stimulus: Waveform) -> tuple[NDArray[np.float64], float, str]:
+    def _conditioned(self, stimulus: Waveform) -> tuple[NDArray[np.float64], float, str]:
         """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""
         if self._drive is None:
             return stimulus.waveform_m_s2, 1.0, stimulus.method

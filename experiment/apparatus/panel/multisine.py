@@ -122,7 +122,7 @@ def estimate(levels: Sequence[Level], lines_hz: NDArray[np.int64], within: NDArr
     """Return the response from levels of rising amplitude, two or more; the lines `within` say how gains differ."""
     # Of the loudest level, which is heard best.
     drift_s = _drift_s(levels[-1].heard, lines_hz)
-    heard = [_without(level.heard, lines_hz, drift_s) for level in levels]
+    heard = [_without_drift(level.heard, lines_hz, drift_s) for level in levels]
     means = [one.mean(axis=0) / level.played for one, level in zip(heard, levels, strict=True)]
     delays = [_delay_s(mean * means[-1].conj(), lines_hz) for mean in means]
     means = [mean * _later(lines_hz, delay) for mean, delay in zip(means, delays, strict=True)]
@@ -155,10 +155,12 @@ def estimate(levels: Sequence[Level], lines_hz: NDArray[np.int64], within: NDArr
 
 def without_drift(heard: NDArray[np.complex128], lines_hz: NDArray[np.int64]) -> NDArray[np.complex128]:
     """Return the lines of each period, shape (P, K), without what the clocks of player and sensor differ by."""
-    return _without(heard, lines_hz, _drift_s(heard, lines_hz))
+    return _without_drift(heard, lines_hz, _drift_s(heard, lines_hz))
 
 
-def _without(heard: NDArray[np.complex128], lines_hz: NDArray[np.int64], drift_s: float) -> NDArray[np.complex128]:
+def _without_drift(
+    heard: NDArray[np.complex128], lines_hz: NDArray[np.int64], drift_s: float
+) -> NDArray[np.complex128]:
     return heard * _later(lines_hz, drift_s * np.arange(len(heard), dtype=np.float64)[:, None])
 
 

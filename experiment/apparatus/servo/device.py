@@ -94,7 +94,7 @@ class ForceDevice:
         try:
             sent = self._line.send(message)
         except OSError as error:
-            raise self._gone(error) from error
+            raise self._disconnected(error) from error
         if sent != len(message) or len(self._unanswered) >= MOST_OPEN:
             raise self._trouble("it reads nothing more", RUNS)
         self._unanswered.append((self._sequence % _SEQUENCES, now_ns))
@@ -108,7 +108,7 @@ class ForceDevice:
         except BlockingIOError:
             heard = b"-"
         except OSError as error:
-            raise self._gone(error) from error
+            raise self._disconnected(error) from error
         whole = len(self._heard) // ANSWER.size * ANSWER.size
         for sequence, dropped in ANSWER.iter_unpack(self._heard[:whole]):
             if not self._unanswered or self._unanswered.popleft()[0] != sequence:
@@ -118,7 +118,7 @@ class ForceDevice:
             self.dropped += dropped == DROPPED
         self._heard = self._heard[whole:]
         if not heard:
-            raise self._gone(ConnectionResetError("it closed the connection"))
+            raise self._disconnected(ConnectionResetError("it closed the connection"))
         return now_ns - self._unanswered[0][1] if self._unanswered else 0
 
     def catch_up(self, behind: int) -> None:
@@ -138,7 +138,7 @@ class ForceDevice:
             self._line.send(encode(self._sequence, NO_FORCE, fast=False))
         self._line.close()
 
-    def _gone(self, error: OSError) -> ServoError:
+    def _disconnected(self, error: OSError) -> ServoError:
         return self._trouble(f"the connection broke ({error.strerror or error})", RUNS)
 
     def _trouble(self, what: str, remedy: str, *, allowed: str = "") -> ServoError:

@@ -183,7 +183,7 @@ def report(made: Calibration) -> Iterator[str]:
 def table(rig: Rig) -> str:
     """Return what to write under [tracker] in a rig file."""
     document = tomlkit.document()
-    _put(document, rig)
+    _write_calibration(document, rig)
     return tomlkit.dumps(document)
 
 
@@ -198,13 +198,13 @@ def rewritten(text: str, rig: Rig) -> str:
         tracker.remove("calibration")
         if (along := tracker.pop("along_calibration", None)) is not None:
             behind.append((SingleKey("along_calibration"), along))
-    _put(tracker, rig)
+    _write_calibration(tracker, rig)
     for key, item in behind:
         tracker.append(key, item)
     return tomlkit.dumps(document)
 
 
-def _put(tracker: MutableMapping[str, Any], rig: Rig) -> None:
+def _write_calibration(tracker: MutableMapping[str, Any], rig: Rig) -> None:
     settings = tracker_of(rig)
     tracker["calibrated_on"] = settings.calibrated_on
     tracker["calibration_days"] = settings.calibration_days

@@ -111,19 +111,19 @@ class Scrutiny:
         A reading that lies further off than a foot could get waits: two that agree are believed, one alone is dropped.
         """
         believed, held, dropped = state
-        if held is None and samples.device_us.size >= MANY and self._all_near(believed, samples):
+        if held is None and samples.device_us.size >= MANY and self._all_reachable(believed, samples):
             return Sifted((int(samples.device_us[-1]), float(samples.height_mm[-1])), None, dropped), samples
         passed: list[tuple[int, float]] = []
         for read in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
-            if held is None and (believed is None or not self._near(believed, read)):
+            if held is None and (believed is None or not self._reachable(believed, read)):
                 held = read
                 continue
             if held is not None:
-                if self._near(held, read):
+                if self._reachable(held, read):
                     passed.append(held)
                 else:
                     dropped += 1
-                    if believed is None or not self._near(believed, read):
+                    if believed is None or not self._reachable(believed, read):
                         held = read
                         continue
                 held = None
@@ -182,13 +182,13 @@ class Scrutiny:
             )
         return ""
 
-    def _near(self, one: tuple[int, float], other: tuple[int, float]) -> bool:
+    def _reachable(self, one: tuple[int, float], other: tuple[int, float]) -> bool:
         return abs(other[1] - one[1]) <= (other[0] - one[0]) * FASTEST_MM_S / 1e6 + self._apart_mm
 
-    def _all_near(self, believed: tuple[int, float] | None, samples: Samples) -> bool:
-        """Return whether `_near` holds from each reading to the next, and to the first from what was believed last."""
+    def _all_reachable(self, believed: tuple[int, float] | None, samples: Samples) -> bool:
+        """Return whether each reading can be reached from the one before, and the first from what was believed last."""
         us, mm = samples.device_us, samples.height_mm
-        begins = believed is None or self._near(believed, (int(us[0]), float(mm[0])))
+        begins = believed is None or self._reachable(believed, (int(us[0]), float(mm[0])))
         allowed_mm = (us[1:] - us[:-1]) * FASTEST_MM_S / 1e6 + self._apart_mm
         return begins and bool((np.abs(mm[1:] - mm[:-1]) <= allowed_mm).all())
 

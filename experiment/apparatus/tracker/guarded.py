@@ -128,12 +128,12 @@ def _blamed(named: str, part: str) -> Iterator[None]:
     except (Exception, SystemExit) as error:  # SystemExit would end the session without a word
         raise TrackerError(
             "tracker",
-            f"its driver '{named}' failed at `{part}` ({_said(error)})",
+            f"its driver '{named}' failed at `{part}` ({_error_words(error)})",
             "see to the device, or have the driver mended",
         ) from error
 
 
-def _said(error: BaseException) -> str:
+def _error_words(error: BaseException) -> str:
     said = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
     # A file beside the rig file is a module under a name of palpate's own, which tells nobody anything.
     return re.sub(rf"{re.escape(__name__)}\.(\w+)_[0-9a-f]{{16}}", r"\1", said)
@@ -143,7 +143,7 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
     module, _, name = tracker_of(rig).driver.partition(":")
     file = rig.driver_file
     try:
-        found = importlib.import_module(module) if file is None else _beside(file)
+        found = importlib.import_module(module) if file is None else _driver_module(file)
         driver: Callable[..., Tracker] = getattr(found, name)
     except (Exception, SystemExit) as error:  # a module may raise anything while it is imported, and end nothing
         raise _not_a_driver(rig, error) from error
@@ -158,7 +158,7 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
     return driver
 
 
-def _beside(file: Path) -> ModuleType:
+def _driver_module(file: Path) -> ModuleType:
     """Return the module in a file, executed once for each content: from the bytes read here, never from a cache."""
     content = storage.read_bytes(file)
     name = f"{__name__}.{file.stem}_{hashlib.sha256(content).hexdigest()[:16]}"
@@ -180,7 +180,7 @@ def _not_a_driver(rig: Rig, error: BaseException) -> RigError:
         remedy = "have it import from palpate.experiment.apparatus"
     return RigError(
         f"rig '{rig.rig.name}'",
-        f"got '{tracker_of(rig).driver}' ({_said(error)})",
+        f"got '{tracker_of(rig).driver}' ({_error_words(error)})",
         remedy,
         allowed=f"{FRAMES}, or a class that implements Tracker",
         field="tracker.driver",

@@ -28,7 +28,7 @@ class Pedal:
         try:
             self._port = SerialPort(port, baud, device="pedal")
         except TrackerError as error:
-            raise PedalError.of(error) from error
+            raise PedalError.saying(error) from error
         try:
             self._await_beats()
         except PedalError:

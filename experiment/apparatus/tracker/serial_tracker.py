@@ -119,7 +119,7 @@ class SerialTracker:
             try:
                 self._port.discard()
             except VANISHED as error:
-                raise self._gone(error) from error
+                raise self._unplugged(error) from error
             self._decoder = self._decoder.skipped()
             self._forget()
 
@@ -134,7 +134,7 @@ class SerialTracker:
             try:
                 self._take()
             except VANISHED as error:
-                raise self._gone(error) from error
+                raise self._unplugged(error) from error
         arrival = arrival or self._next(0.0)
         if arrival is not None:
             self._given_bytes += len(arrival.samples.raw)
@@ -226,7 +226,7 @@ class SerialTracker:
                 elif taken <= self._calm_bytes:
                     self._pause()
         except VANISHED as error:
-            self._fail(self._gone(error), error)
+            self._fail(self._unplugged(error), error)
         except Exception as error:
             # Whoever reads next learns of it.
             self._fail(error)
@@ -290,7 +290,7 @@ class SerialTracker:
             self._reference_us, self._reference_mm = newest_us, newest_mm
         self._falls = newest_us < self._falls_until_us
 
-    def _gone(self, error: Exception) -> TrackerStopped:
+    def _unplugged(self, error: Exception) -> TrackerStopped:
         return TrackerStopped(
             f"tracker at {self._name}", f"the port has gone ({reason(error)})", "plug the device in again"
         )

@@ -138,7 +138,7 @@ def write_foot(
     if not parts_of_steps:
         return
     header = contents.header
-    rig = rigs.kept(rig_path(path), header.rig_sha256)
+    rig = rigs.session_rig(rig_path(path), header.rig_sha256)
     tracker = tracker_of(rig)
     rate_hz = tracker.rate_hz
     places: list[NDArray[np.float64]] = []

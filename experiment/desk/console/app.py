@@ -243,7 +243,7 @@ class Console(App[Left]):
         key = event.style.meta.get(PRESSES)
         if event.button != 1 or key is None:
             return
-        if self._presses.held(MOUSE, event.time):
+        if self._presses.continues(MOUSE, event.time):
             self._say("That click came right after another one, and does not count. Click again for it.", "ignored")
         else:
             self._press(key, event.time)
@@ -253,7 +253,7 @@ class Console(App[Left]):
         shown = event.character is not None and event.character.isprintable()
         key = event.character if shown and event.character is not None else event.key
         key = SAME.get(key, key)
-        held = self._presses.held(key, event.time)
+        held = self._presses.continues(key, event.time)
         if self._form is not None:
             self._board.blanks.take_keys()
             if key in FIELDS:

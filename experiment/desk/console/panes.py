@@ -234,7 +234,7 @@ class Board(Vertical):
         self._count(view)
         self._places.light(now, picture.strip(view))
         self._text.display = self._keys.display = not form
-        pane["asked"].show(picture.asked, question, now, view.lay_out, view.heard)
+        pane["asked"].show(picture.question_text, question, now, view.lay_out, view.heard)
         pane["offered"].show(picture.offered, question.choices if question is not None else (), roomy)
         pane["lines"].show(picture.lines, view.lines)
         pane["commands"].show(picture.commands, wide)

@@ -202,7 +202,7 @@ def _cap(key: str) -> Text:
     return Text(f" {keycap(key)} ", style=Style.parse(f"bold #000000 on {PLAIN}") + Style(meta={PRESSES: key}))
 
 
-def asked(question: Asked | None, now: Phase, lay_out: str, heard: str) -> Text:
+def question_text(question: Asked | None, now: Phase, lay_out: str, heard: str) -> Text:
     """Return what is asked, or that nothing is, and what the microphone proposes."""
     told = Text()
     if lay_out and (question is None or question.kind != "place"):

@@ -20,7 +20,7 @@ class Presses:
         self._latest: dict[bool, tuple[str, float]] = {}
         self._since_s = 0.0
 
-    def held(self, key: str, at_s: float) -> bool:
+    def continues(self, key: str, at_s: float) -> bool:
         """Note a press, and return whether it continues the one before, of the same key; a click never does."""
         before, before_s = self._latest.get(key == MOUSE, ("", 0.0))
         self._latest[key == MOUSE] = key, at_s

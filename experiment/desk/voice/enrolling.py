@@ -84,13 +84,13 @@ class Enroller:
         why = ""
         while self.console.ask(Say(self.answers[answer], number, TAKES, why)).key != WITHOUT:
             try:
-                return self._said()
+                return self._next_take()
             except VoiceError as error:
                 said = error.finding.clause()
                 why = f"{said[:1].upper()}{said[1:]}."
         return None
 
-    def _said(self) -> Take:
+    def _next_take(self) -> Take:
         """Return what is said from now on, once it is over. Raises `VoiceError`."""
         microphone, begun_ns = self.microphone, self.clock.now_ns()
         rate_hz = microphone.rate_hz

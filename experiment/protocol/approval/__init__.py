@@ -87,7 +87,7 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
     return seal
 
 
-def held(protocol_path: Path, protocol: Protocol) -> Seal:
+def dataset_seal(protocol_path: Path, protocol: Protocol) -> Seal:
     """Return the seal of a dataset's `protocol`, expired or not. Raises `ProtocolError` if it is gone or changed."""
     if not (path := seal_path(protocol_path)).exists():
         remedy = "restore it from a backup, for another is another approval"

@@ -6,7 +6,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page.words import DesignWords
 
 
-def _asked(protocol: Protocol) -> str:
+def _question_words(protocol: Protocol) -> str:
     comparison = protocol.table(Comparison)
     tie = ", or neither" if comparison.tie_key is not None else "; they have to choose"
     return f"Participants say which of the two has more {named(comparison.quality)}{tie}."
@@ -18,6 +18,6 @@ WORDS = DesignWords(
         "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at random, "
         "the one of its materials is presented first, in the other half the other."
     ),
-    asked=_asked,
+    asked=_question_words,
     ranked=lambda protocol: f"From the least {named(protocol.table(Comparison).quality)} to the most:",
 )

@@ -205,14 +205,14 @@ def crackle_of(material: str) -> Crackle:
     four = tuple(CRACKLES.values())
     rng = np.random.default_rng(list(hashlib.sha256(material.encode()).digest()))
 
-    def between(values: Sequence[float]) -> float:
+    def log_uniform(values: Sequence[float]) -> float:
         return float(np.exp(rng.uniform(np.log(min(values)), np.log(max(values)))))
 
     modes = tuple(
-        Mode(between([m.frequency_hz for m in of]), of[0].damping, between([m.weight_m_s2 for m in of]))
+        Mode(log_uniform([m.frequency_hz for m in of]), of[0].damping, log_uniform([m.weight_m_s2 for m in of]))
         for of in zip(*(crackle.modes for crackle in four), strict=True)
     )
-    return Crackle(between([crackle.exponent for crackle in four]), four[0].pulses_per_s, modes)
+    return Crackle(log_uniform([crackle.exponent for crackle in four]), four[0].pulses_per_s, modes)
 
 
 def generic(materials: Iterable[str]) -> str:
@@ -274,7 +274,7 @@ class RecordingSession:
         v = min(condition.speed_mm_s * float(np.exp(AIM_SIGMA * rng.normal())), FASTEST_MM_S)
         return Attempt(v, self._materials.take(condition.material, speed_mm_s=v, rng=rng))
 
-    def kept(self, condition: Condition) -> Attempt:
+    def kept_take(self, condition: Condition) -> Attempt:
         """Return the first attempt that is on target."""
         attempts = (self.attempt(condition, number) for number in count(1))
         return next(a for a in attempts if abs(a.speed_mm_s / condition.speed_mm_s - 1) <= SPEED_TOLERANCE)
@@ -283,10 +283,10 @@ class RecordingSession:
         """Return every kept take, as arrays."""
         planned = self.planned
 
-        def of(material: str | None) -> NDArray[np.float64]:
+        def takes_of(material: str | None) -> NDArray[np.float64]:
             numbers = range(1, planned.takes + 1)
             return np.array(
-                [[self.kept(Condition(material, v, n)).samples_m_s2 for n in numbers] for v in planned.speeds_mm_s]
+                [[self.kept_take(Condition(material, v, n)).samples_m_s2 for n in numbers] for v in planned.speeds_mm_s]
             )
 
         return Recordings(
@@ -294,8 +294,8 @@ class RecordingSession:
             simulated=True,
             rate_hz=planned.rate_hz,
             speeds_mm_s=np.array(planned.speeds_mm_s),
-            panel=of(None),
-            objects={material: of(material) for material in planned.materials},
+            panel=takes_of(None),
+            objects={material: takes_of(material) for material in planned.materials},
         )
 
 
@@ -319,7 +319,7 @@ def make_recordings(directory: Path, *, protocol: Protocol, seed: int) -> Path:
     drawn = session(plan(protocol, source=source(seed), simulated=True), seed=seed)
 
     def take(condition: Condition) -> Take:
-        kept, of = drawn.kept(condition), condition
+        kept, of = drawn.kept_take(condition), condition
         return Take(of.material, of.speed_mm_s, of.number, kept.samples_m_s2, round(kept.speed_mm_s, 3))
 
     return write(
@@ -354,7 +354,7 @@ def strays_from_table_3(drawn: RecordingSession) -> float:
     numbers = range(1, drawn.planned.takes + 1)
 
     def magnitudes(material: str | None) -> NDArray[np.float64]:
-        takes = [drawn.kept(Condition(material, REFERENCE_SPEED_MM_S, n)).samples_m_s2 for n in numbers]
+        takes = [drawn.kept_take(Condition(material, REFERENCE_SPEED_MM_S, n)).samples_m_s2 for n in numbers]
         averaged: NDArray[np.float64] = np.abs(spectrum(takes)).mean(axis=0)
         return averaged
 

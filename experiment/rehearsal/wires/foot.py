@@ -347,7 +347,7 @@ class Foot:
 
     def _run(self, real_time: bool) -> None:
         if real_time:
-            host.above()
+            host.raise_above_sessions()
         try:
             while not self._off:
                 if real_time:
@@ -371,7 +371,7 @@ class Foot:
             step = self._steps[0]
         watched = int(step.trajectory.lift_us * self._tracker.rate_hz / 1e6) + 1
         self._send(step.first, step.readings[:watched], step, wait=True)
-        self._done()
+        self._step_over()
 
     def _send_due(self) -> None:
         """Send every sample that is due in real time, of steps and of the rest between them."""
@@ -392,9 +392,9 @@ class Foot:
             else:
                 self._send(first, step.readings[first - step.first : end - step.first], step, wait=False)
                 if end == step.end:
-                    self._done()
+                    self._step_over()
 
-    def _done(self) -> None:
+    def _step_over(self) -> None:
         with self._changed:
             self._steps.popleft()
             self._changed.notify_all()

@@ -105,7 +105,7 @@ def main() -> None:
     """Be the process, which Ctrl-C at its terminal does not end: whoever started it does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with host.raised(), host.undisturbed(), socket.create_server(("127.0.0.1", 0)) as server:
-        host.above()
+        host.raise_above_sessions()
         sys.stdout.write(f"{server.getsockname()[1]}\n")
         sys.stdout.flush()
         record = Path(sys.argv[1]).open("wb", buffering=0) if len(sys.argv) > 1 else None  # noqa: SIM115

@@ -53,7 +53,7 @@ class Sensor:
         due = max(self._samples_until(self._clock.now_ns()) - self.sent, 0)
         piece, self._unsent = self._unsent[:due], self._unsent[due:]
         self.sent += piece.size
-        self._put(piece)
+        self._send(piece)
 
     def close(self) -> None:
         """Stop listening."""
@@ -69,7 +69,7 @@ class Sensor:
     def _samples_until(self, now_ns: int) -> int:
         return (now_ns - self._begun_ns) * self._settings.rate_hz // 1_000_000_000
 
-    def _put(self, heard_m_s2: NDArray[np.float64]) -> None:
+    def _send(self, heard_m_s2: NDArray[np.float64]) -> None:
         # A client that hangs up has heard enough.
         with suppress(OSError):
             if self._connection is not None:
@@ -86,4 +86,4 @@ class Sensor:
             # One sample at once: time stands still until it has arrived, so it tells when the stream began.
             self._begun_ns = self._clock.now_ns() - 1_000_000_000 // self._settings.rate_hz
             self.sent, self._unsent = 1, np.empty(0)
-            self._put(np.zeros(1))
+            self._send(np.zeros(1))

@@ -192,7 +192,7 @@ class ErrorBudget:
             *(wrapped(f"  {ASSUMED}") if self._takes_volts else []),
             "",
             "beside it, and in no total",
-            *_table(self._beside()),
+            *_table(self._companion_rows()),
             *wrapped(f"  {BESIDE}"),
             *(wrapped(f"  {FELT}") if self._is_measured else []),
             *wrapped(f"  {self._timing()}"),
@@ -210,22 +210,22 @@ class ErrorBudget:
         rows.append(["all of it", *(percent(*one.range(attrgetter("total"))) for one in each)])
         return rows
 
-    def _beside(self) -> list[list[str]]:
+    def _companion_rows(self) -> list[list[str]]:
         each = list(self.materials.values())
         off = [one.range(attrgetter("dissimilarity_m_s2")) for one in each]
         rows = [
             ["", *self.materials],
-            ["off what was asked for, (6)", *(_between(*one, "{:.3g}".format) for one in off)],
-            ["off the nearest material, (6)", *(_of(one.nearest_m_s2, "{:.3g}".format) for one in each)],
+            ["off what was asked for, (6)", *(_range_words(*one, "{:.3g}".format) for one in off)],
+            ["off the nearest material, (6)", *(_range_of(one.nearest_m_s2, "{:.3g}".format) for one in each)],
             ["a speed from its neighbours", *(_up_to(one.interpolation) for one in each)],
             ["standard error over takes", *(_up_to(one.averaging) for one in each)],
         ]
         if self._takes_volts:
-            rows.append(["W interpolated, (7)", *(_of(one.other_reading, _percent) for one in each)])
+            rows.append(["W interpolated, (7)", *(_range_of(one.other_reading, _percent) for one in each)])
         if self._is_measured:
             for name, of in (("third octaves, dB", "third_octave_db"), ("envelope, dB", "envelope_db")):
                 worst = [tuple(getattr(felt, of) for felt in one.felt) for one in each]
-                rows.append([name, *(_of(values, "{:.1f}".format) for values in worst)])
+                rows.append([name, *(_range_of(values, "{:.1f}".format) for values in worst)])
         return rows
 
     def _timing(self) -> str:
@@ -303,7 +303,7 @@ def wrapped(line: str, indent: int = 4) -> list[str]:
 
 def percent(low: float, high: float) -> str:
     """Return shares from the least to the most, in percent."""
-    return _between(low, high, _percent)
+    return _range_words(low, high, _percent)
 
 
 def _table(rows: list[list[str]]) -> list[str]:
@@ -321,11 +321,11 @@ def _percent(share: float) -> str:
     return "<0.001" if 0 < share < SHOWN else f"{share * 100:.3g}"
 
 
-def _of(values: tuple[float, ...], shown: Callable[[float], str]) -> str:
-    return _between(min(values), max(values), shown) if values else "none"
+def _range_of(values: tuple[float, ...], shown: Callable[[float], str]) -> str:
+    return _range_words(min(values), max(values), shown) if values else "none"
 
 
-def _between(low: float, high: float, shown: Callable[[float], str]) -> str:
+def _range_words(low: float, high: float, shown: Callable[[float], str]) -> str:
     first, last = shown(low), shown(high)
     return first if first == last else f"{first} to {last}"
 

@@ -283,12 +283,12 @@ def _real(
     driven, driven_kb = measured(drive) if rig.actuator.shaping is not None else (None, None)
     shaped = drive()
 
-    def made(speed_mm_s: float) -> object:
+    def at_gate(speed_mm_s: float) -> object:
         """What has to be there before contact: a device that takes volts waits for no waveform in m/s^2."""
         stimulus = materials[virtual.materials[0]].at(speed_mm_s)
         return stimulus.waveform_m_s2 if shaped is None else shaped(stimulus)
 
-    rendered = taken([_step_ms(made) for _ in range(TURNS)])
+    rendered = taken([_step_ms(at_gate) for _ in range(TURNS)])
     channel, channel_kb = _channel(scene, protocol, rig)
     nothing = "nothing: no stimulus is played, so not a bit of any record differs"
     return (

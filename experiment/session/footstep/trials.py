@@ -205,8 +205,8 @@ class Footsteps(Kind):
             zero = tracker.settle(lambda why: self._lent.console.ask(Rest(why)))
             self._log.write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
             self._lent.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
-        silent = self._falls_silent(self._limits.over)
-        if self._limits.over():
+        silent = self._falls_silent(self._limits.end_reason)
+        if self._limits.end_reason():
             return
         if not silent:
             raise ActuatorError("actuator", STILL_PLAYS)
@@ -220,7 +220,7 @@ class Footsteps(Kind):
             begun_ns = clock.now_ns()
             self._lent.console.ask(Place(planned.trial, planned.presented))
             laid_ns = clock.now_ns() - begun_ns
-            if self._limits.over():
+            if self._limits.end_reason():
                 return
         self._watch.feed.drain()
         if self._lent.arm(planned, attempt):
@@ -237,7 +237,7 @@ class Footsteps(Kind):
         step = watch(self._steps, armed.planned.presented[0], waiting)
         clock, error = self._parted(step)
         if clock is not None:
-            step = _by(clock, step)
+            step = _reclocked(clock, step)
         self._silent = isinstance(step, BrokenStep) and step.stopped is not None
         trace = self._log.keep(step.raw)
         if isinstance(step, BrokenStep):
@@ -318,7 +318,7 @@ class Footsteps(Kind):
         probe, sounder = self._protocol.masker.probe, self._watch.sounder
         if probe is None or sounder is None:
             raise RuntimeError("no probe is played where there is none")
-        if over := self._limits.over():
+        if over := self._limits.end_reason():
             self._lent.show(nothing_more(over))
             return
         played = sounder.actuator.prepare(sounder.materials[probe.material].at(probe.speed_mm_s))
@@ -411,7 +411,7 @@ def _spoken(material: str, said: str) -> str:
     return material if said == material else f"{material} ('{said}')"
 
 
-def _by(clock: ClockMap, step: WatchedStep | BrokenStep) -> WatchedStep | BrokenStep:
+def _reclocked(clock: ClockMap, step: WatchedStep | BrokenStep) -> WatchedStep | BrokenStep:
     """Return the step by another clock."""
     if isinstance(step, BrokenStep):
         return replace(step, clock=clock)

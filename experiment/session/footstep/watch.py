@@ -115,7 +115,7 @@ class Taken:
         """Return the session time of a device time, ns. Raises `TrackerStopped` if the clock is not known."""
         return self.clock().session_ns(device_us)
 
-    def until(self, device_us: float) -> None:
+    def wait_until(self, device_us: float) -> None:
         """Wait for the first sample at this time or later; the rest is the next attempt's. Raises `TrackerError`."""
         samples = self._newest if self._newest is not None else self.next()
         while samples.device_us[-1] < device_us:
@@ -263,9 +263,9 @@ class _Step:
         while True:
             samples = self._next()
             # What is asked for from here on can be taken back until its lead before it sounds.
-            if reason := self._parts.limits.over(ahead_ns):
+            if reason := self._parts.limits.end_reason(ahead_ns):
                 return reason
-            if reason := detector.stuck(*self._since(samples)):
+            if reason := detector.stuck(*self._same_for(samples)):
                 return reason
             over = detector.passes_over(state, samples) if self._gate is None else 0
             state, events = detector.step(state, samples)
@@ -310,7 +310,7 @@ class _Step:
         self._path.append(samples)
         return samples
 
-    def _since(self, samples: Samples) -> tuple[float, int]:
+    def _same_for(self, samples: Samples) -> tuple[float, int]:
         """Return the newest height, mm, and for how long it is the same, microseconds."""
         us, mm = samples.device_us, samples.height_mm
         if us.size and (self._still is None or (mm != self._still[0]).any()):
@@ -324,7 +324,7 @@ class _Step:
         settled_us = self._parts.scrutiny.settled_us(us)
         while (self._taken.newest_us or 0) < settled_us:
             self._next()
-        self._taken.until(settled_us)
+        self._taken.wait_until(settled_us)
         return self._fault(gate, us, self._taken.link(settled_us))
 
     def _fault(self, gate: Gate, until_us: int, link: LinkCounts) -> str:
@@ -336,7 +336,7 @@ class _Step:
         gate, contact, taken = self._gate, self._contact, self._taken
         if gate is None or contact is None or taken.first_us is None:
             raise RuntimeError("no step lands before it has fallen")
-        if reason := self._parts.limits.over():
+        if reason := self._parts.limits.end_reason():
             return self.broken(reason)
         if self._sounding is not None:
             self._sounding.landed(contact)
@@ -345,14 +345,14 @@ class _Step:
         while (taken.newest_us or 0) < met.us:
             self._next()
         link = taken.link(met.us)
-        taken.until(met.us + TAIL_US)
+        taken.wait_until(met.us + TAIL_US)
         if fault := self._fault(gate, contact.given_us, link) or self._parted(gate, contact):
             return self.broken(fault)
         clock = taken.clock()
         contact_ns = clock.session_ns(met.us)
         onset = self._sounding.onset(met, contact_ns) if self._sounding is not None else None
         heard = onset.delivered if onset is not None else None
-        if heard is not None and not heard.delivered and (reason := self._parts.limits.over()):
+        if heard is not None and not heard.delivered and (reason := self._parts.limits.end_reason()):
             return self.broken(reason)
         return WatchedStep(
             first_us=taken.first_us,
@@ -388,7 +388,7 @@ class _Step:
         ahead_ms = feed.pace.ahead_ms(gate.top_us, contact.given_us)
         tails = 0
         while not feed.pace.known or (ahead_ms < 0 and tails < TAILS):
-            taken.until((taken.newest_us or 0) + TAIL_US)
+            taken.wait_until((taken.newest_us or 0) + TAIL_US)
             tails += 1
             ahead_ms = feed.pace.ahead_ms(gate.top_us, contact.given_us)
         if not ahead_ms:
@@ -429,4 +429,4 @@ class _Step:
             return
         self._gate = event
         if self._sounding is not None:
-            self._sounding.given(event.speed_mm_s, arrived_ns)
+            self._sounding.pass_gate(event.speed_mm_s, arrived_ns)

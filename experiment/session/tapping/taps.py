@@ -161,7 +161,7 @@ class Taps:
                 return
 
     def _follow(self, felt: Felt) -> None:
-        if self._there and (over := self.lent.limits.over()):
+        if self._there and (over := self.lent.limits.end_reason()):
             # Who says so has taken the block away.
             self._there, self._lying = False, None
             self._withdraw()

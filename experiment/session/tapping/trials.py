@@ -46,7 +46,7 @@ class Comparisons(Kind):
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
         """Have the samples of the pair laid out, the one that is presented first at the first place."""
-        if self.lent.limits.over():
+        if self.lent.limits.end_reason():
             return
         self.lent.console.ask(Place(planned.trial, planned.presented))
         self._laid = PairLaidOut(

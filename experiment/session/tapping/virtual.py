@@ -179,8 +179,8 @@ class VirtualSurfaces(Kind):
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
         """Say that a pair comes. Raises `TrackerStopped` if what renders it has failed."""
         if self.taps.failed is not None:
-            raise TrackerStopped.of(self.taps.failed)
-        if self.lent.limits.over():
+            raise TrackerStopped.saying(self.taps.failed)
+        if self.lent.limits.end_reason():
             return
         self.lent.arm(planned, attempt)
         self._ready = PairLaidOut(trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=0)

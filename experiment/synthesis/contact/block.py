@@ -73,7 +73,7 @@ class Block:
         """`pulls`, the pushes along normal and face, `clamps`, `held`, and a nominal step and what it does to both."""
         pushes = self.normal.push_m_s2, self.along.push_m_s2
         carried = carry(self.normal, self.nominal_s), carry(self.along, self.nominal_s)
-        return *self.pulls, *pushes, self.clamps, self.held, self.nominal_s, *carried
+        return *self.pulls, *pushes, self.clamps, self.is_rigid, self.nominal_s, *carried
 
     @cached_property
     def half_turn_s(self) -> float:
@@ -86,14 +86,14 @@ class Block:
         return self.law == "clamped" and any(self.pulls)
 
     @cached_property
-    def held(self) -> bool:
+    def is_rigid(self) -> bool:
         """Whether the block does not give way."""
         return self.mass_kg[0] == inf
 
     @cached_property
     def pulls(self) -> Pair:
         """K / M and C / M along the normal; K and C of a block that is held, where only their ratio counts."""
-        if self.held:
+        if self.is_rigid:
             return self.stiffness_n_m[0], self.damping_n_s_m[0]
         return self.normal.stiffness_per_s2, 2 * self.normal.decay_per_s
 

@@ -106,7 +106,7 @@ def release_after(block: Block, x: float, u: float, *, within_s: float = inf) ->
     """
     of = block.normal
     a, b, push, slow = of.decay_per_s, of.stiffness_per_s2, of.push_m_s2, of.slow_per_s
-    if block.held and block.clamps:
+    if block.is_rigid and block.clamps:
         stiffness, _ = block.pulls
         return pull_m_s2(block, x, u) / (-stiffness * u) if u < 0 < stiffness else inf
     held = push - b * x
@@ -151,7 +151,7 @@ def released(block: Block, x: float, u: float) -> tuple[float, float]:
     b, a2 = block.pulls
     if not block.clamps or a2 == 0:
         return 0.0, u
-    return (x, -b * x / a2) if a2 * a2 > b and not block.held else (-a2 * u / b, u)
+    return (x, -b * x / a2) if a2 * a2 > b and not block.is_rigid else (-a2 * u / b, u)
 
 
 def touch(block: Block, x: float, u: float) -> tuple[float, float, float]:

@@ -77,12 +77,12 @@ def init(blocks: Sequence[Block], *, hand_m: Pair) -> State:
     """Return the state at rest, the hand at (x, y), m. Raises `SynthesisError` if that is not finite and outside."""
     _placed(hand_m)
     for i, block in enumerate(blocks):
-        if (deep := _beside(block, hand_m)[0] - _beside(block, block.face_m)[0]) > 0:
+        if (deep := _in_axes(block, hand_m)[0] - _in_axes(block, block.face_m)[0]) > 0:
             raise SynthesisError(
                 f"hand: got {hand_m} m, which is {deep:g} m inside block {i + 1}; allowed: a place outside of every "
                 "block; begin there"
             )
-    return State(0.0, hand_m, (0.0, 0.0), tuple(Left(*_beside(one, one.face_m), 0.0, 0.0, 0.0) for one in blocks))
+    return State(0.0, hand_m, (0.0, 0.0), tuple(Left(*_in_axes(one, one.face_m), 0.0, 0.0, 0.0) for one in blocks))
 
 
 def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float) -> Stepped:
@@ -157,8 +157,8 @@ def trajectory(blocks: Sequence[Block], *, times_s: ArrayLike, hand_m: ArrayLike
 
 def _joined(block: Block, at: Left, state: State) -> Motion:
     """Return a block that was left, as seen from the hand."""
-    deep, along = _beside(block, state.hand_m)
-    deep_m_s, along_m_s = _beside(block, state.hand_m_s)
+    deep, along = _in_axes(block, state.hand_m)
+    deep_m_s, along_m_s = _in_axes(block, state.hand_m_s)
     flown = state.time_s - at.at_s
     return Motion(
         FREE,
@@ -173,8 +173,8 @@ def _parted(block: Block, at: Motion, hand_m: Pair, hand_m_s: Pair, now_s: float
     """Return a block that the hand has left; one that a force presses on goes on being followed."""
     if block.normal.push_m_s2 or block.along.push_m_s2:
         return at
-    deep, along = _beside(block, hand_m)
-    deep_m_s, along_m_s = _beside(block, hand_m_s)
+    deep, along = _in_axes(block, hand_m)
+    deep_m_s, along_m_s = _in_axes(block, hand_m_s)
     return Left(deep - at.deep_m, along - at.along_m, deep_m_s - at.deep_m_s, along_m_s - at.along_m_s, now_s)
 
 
@@ -190,7 +190,7 @@ def _turned(block: Block, at: Motion) -> tuple[Motion, tuple[Switch, ...]]:
     return at, ()
 
 
-def _beside(block: Block, vector: Pair) -> Pair:
+def _in_axes(block: Block, vector: Pair) -> Pair:
     """Return a vector in the axes of a block: along its normal, and along its face."""
     (x, y), (into_x, into_y) = vector, block.into
     return x * into_x + y * into_y, y * into_x - x * into_y

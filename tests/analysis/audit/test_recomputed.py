@@ -15,15 +15,15 @@ from scipy import stats
 from palpate.analysis.audit.bounds import (
     Margin,
     Moments,
-    between,
     effect,
     f_of,
     p_of_f,
     p_of_t,
     quotient,
+    ss_between,
+    ss_within,
     t_of,
     together,
-    within,
 )
 from palpate.analysis.published.printed import Interval, Printed, point
 
@@ -66,7 +66,7 @@ def test_f_and_its_p_hold_those_of_the_data(groups: list[list[int]], digits: int
     boxes = [_box([float(value) for value in group], digits) for group in groups]
     margins = [Margin(box.n, box.mean) for box in boxes]
     df = len(groups) - 1, sum(map(len, groups)) - len(groups)
-    f = f_of(between(margins), within(boxes), df)
+    f = f_of(ss_between(margins), ss_within(boxes), df)
     exact = [[Fraction(value) for value in group] for group in groups]
     residual = sum((statistics.variance(group) * (len(group) - 1) for group in exact), Fraction(0))
     levels = _squares([len(group) for group in exact], tuple(map(statistics.mean, exact)))
@@ -85,7 +85,7 @@ def test_the_least_and_the_most_between_levels_against_a_grid(levels: list[tuple
     """Brute force over a grid of each mean: none lies outside, and the least is met as nearly as the grid allows."""
     weights = [n for n, _, _ in levels]
     margins = [Margin(n, Interval(Fraction(low), Fraction(low + width))) for n, low, width in levels]
-    found = between(margins)
+    found = ss_between(margins)
     # Every combination at once, in whole eighths, orders them as N sum(n m^2) - (sum n m)^2 does.
     grids = np.array(np.meshgrid(*[8 * low + width * np.arange(9) for _, low, width in levels]))
     squares = sum(weights) * np.tensordot(weights, grids**2, 1) - np.tensordot(weights, grids, 1) ** 2
@@ -102,13 +102,13 @@ def test_the_least_and_the_most_between_levels_against_a_grid(levels: list[tuple
 
 def test_means_that_can_be_equal_need_not_differ() -> None:
     margins = [Margin(3, Interval(Fraction(0), Fraction(2))), Margin(5, Interval(Fraction(1), Fraction(4)))]
-    assert between(margins).low == 0
+    assert ss_between(margins).low == 0
 
 
 def test_points_give_points() -> None:
     """Textbook values: means 1, 2, 3 of five each, variance 1; F = 5 at 2 and 12 df."""
     cells = [Moments(5, point(Fraction(k)), point(Fraction(1))) for k in (1, 2, 3)]
-    f = f_of(between([Margin(5, cell.mean) for cell in cells]), within(cells), (2, 12))
+    f = f_of(ss_between([Margin(5, cell.mean) for cell in cells]), ss_within(cells), (2, 12))
     assert float(f.low) == pytest.approx(5, rel=1e-8)
     assert float(f.high) == pytest.approx(5, rel=1e-8)
     # F(2, 12) = 5: R, pf(5, 2, 12, lower.tail = FALSE); closed form (1 + 2 f / 12) ** -6 for two degrees of freedom.

@@ -21,12 +21,12 @@ def test_mean_and_sum_of_squares_are_those_of_the_standard_library(values: list[
     exact = [Fraction(value, 10) for value in values]
     found = of_groups([exact])
     assert found.means[0, 0] == statistics.mean(exact)
-    assert found.within[0] == statistics.pvariance(exact) * len(exact)
+    assert found.ss_within[0] == statistics.pvariance(exact) * len(exact)
 
 
 def test_no_digit_is_lost_beside_a_large_constant() -> None:
     values = [Fraction(10**13) + Fraction(k, 10) for k in (4, 3, 5)]
-    assert of_groups([values]).within[0] == Fraction(2, 100)
+    assert of_groups([values]).ss_within[0] == Fraction(2, 100)
 
 
 def test_integers_stand_for_the_same_values() -> None:

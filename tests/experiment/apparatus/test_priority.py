@@ -248,5 +248,5 @@ def test_a_simulated_device_waits_for_no_session(
     asked: list[int] = []
     monkeypatch.setattr(host, "is_real_time", lambda: real_time)
     monkeypatch.setattr(os, "sched_setscheduler", lambda _who, _how, given: asked.append(given.sched_priority))
-    host.above()
+    host.raise_above_sessions()
     assert asked == levels

@@ -60,14 +60,14 @@ def rig(tmp_path: Path) -> Path:
 
 
 def test_the_screen_of_a_session_that_failed_covers_the_display_no_longer(tmp_path: Path, rig: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), desk.beside(tmp_path / "s", tmp_path / "p.toml", rig) as opened:
+    with pytest.raises(KeyboardInterrupt), desk.screen_beside(tmp_path / "s", tmp_path / "p.toml", rig) as opened:
         assert opened
         raise KeyboardInterrupt
     assert begun[0].done == ["kill", "wait"]
 
 
 def test_the_screen_of_a_session_that_ended_well_says_thanks_and_ends_by_itself(tmp_path: Path, rig: Path) -> None:
-    with desk.beside(tmp_path / "s", tmp_path / "p.toml", rig):
+    with desk.screen_beside(tmp_path / "s", tmp_path / "p.toml", rig):
         pass
     assert begun[0].done == ["poll"]
 
@@ -118,7 +118,7 @@ def test_every_error_of_a_file_that_kept_a_session_from_beginning_has_its_line(
 
 
 def test_without_a_table_for_it_no_screen_is_opened(tmp_path: Path) -> None:
-    with desk.beside(tmp_path / "s", tmp_path / "p.toml", shipped("rigs/rehearsal.toml")) as opened:
+    with desk.screen_beside(tmp_path / "s", tmp_path / "p.toml", shipped("rigs/rehearsal.toml")) as opened:
         assert not opened
     assert not begun
 

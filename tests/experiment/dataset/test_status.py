@@ -66,7 +66,7 @@ def test_every_participant_has_one_state(made: MadeStudy) -> None:
         "07": "to begin",
     }
     assert (found.planned, found.erased, found.to_enrol, found.doubts) == (15, frozenset({"05"}), "08", ())
-    assert [one.told for one in found.those("under way")] == [
+    assert [one.standing for one in found.those("under way")] == [
         "02 is between tasks: task 2 of 2 comes next.",
         f"04, {made.tasks[3].tasks[0]} (task 1 of 2), is paused: 2 of 4 trials remain.",
     ]

@@ -43,7 +43,7 @@ def press() -> None:
 
 def test_it_waits_until_the_end() -> None:
     done = []
-    with pytest.raises(KeyboardInterrupt), interrupts.held():
+    with pytest.raises(KeyboardInterrupt), interrupts.deferred():
         press()
         press()
         done.append("the rest")
@@ -52,7 +52,7 @@ def test_it_waits_until_the_end() -> None:
 
 def test_it_is_let_through_at_once_and_a_second_one_waits() -> None:
     done = []
-    with pytest.raises(KeyboardInterrupt), interrupts.held() as held:
+    with pytest.raises(KeyboardInterrupt), interrupts.deferred() as held:
         with pytest.raises(KeyboardInterrupt), held.let_through():
             press()
         press()
@@ -61,7 +61,7 @@ def test_it_is_let_through_at_once_and_a_second_one_waits() -> None:
 
 
 def test_one_that_waits_is_let_through() -> None:
-    with interrupts.held() as held:
+    with interrupts.deferred() as held:
         press()
         with pytest.raises(KeyboardInterrupt), held.let_through():
             pytest.fail("the interrupt still waits")
@@ -69,13 +69,13 @@ def test_one_that_waits_is_let_through() -> None:
 
 def test_one_that_is_pressed_again_much_later_no_longer_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interrupts, "PATIENCE_S", -1.0)
-    with interrupts.held(), pytest.raises(KeyboardInterrupt):
+    with interrupts.deferred(), pytest.raises(KeyboardInterrupt):
         press()
         pytest.fail("the interrupt still waits")
 
 
 def test_what_went_wrong_meanwhile_is_told_first() -> None:
-    with pytest.raises(ValueError, match="wrong"), interrupts.held():
+    with pytest.raises(ValueError, match="wrong"), interrupts.deferred():
         press()
         raise ValueError("wrong")
 
@@ -109,13 +109,13 @@ def test_somebody_elses_handler_and_other_threads_are_left_alone() -> None:
         pressed.append(number)
 
     signal.signal(signal.SIGINT, somebody)
-    with interrupts.held():
+    with interrupts.deferred():
         press()
     assert signal.signal(signal.SIGINT, signal.default_int_handler) is somebody
     assert pressed == [signal.SIGINT]
 
     def hold() -> None:
-        with interrupts.held():
+        with interrupts.deferred():
             pressed.append(0)
 
     thread = threading.Thread(target=hold)

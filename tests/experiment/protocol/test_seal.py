@@ -122,7 +122,7 @@ def test_a_seal_that_was_edited_to_an_impossible_day_is_refused_wherever_it_is_r
     today = date(2020, 6, 1)
     attempts: tuple[Callable[[], object], ...] = (
         lambda: approval.read(file),
-        lambda: approval.held(file, bare),
+        lambda: approval.dataset_seal(file, bare),
         lambda: sealing.state(file, bare, today),
         lambda: approval.verify(file, bare, today),
         lambda: sealing.write(

@@ -66,7 +66,7 @@ class Endless:
 
     ends_ns = 2**63
 
-    def over(self, ahead_ns: int = 0) -> str:
+    def end_reason(self, ahead_ns: int = 0) -> str:
         return ""
 
     def skip(self, reason: str) -> None:

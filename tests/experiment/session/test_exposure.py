@@ -335,7 +335,7 @@ def test_the_masker_is_silent_before_the_dose_is_one(before: float, approved: Sn
     looking(exposed, clock, 5 * HOUR_NS)
     assert masker.level_db_a is None
     assert 1 - played(int(2 * RESERVE_S * 1e9)) <= masker.exposure().dose < 1
-    assert exposed.over() == approved
+    assert exposed.end_reason() == approved
     last = [line.entry for line in log.lines if isinstance(line.entry, MaskerSet)][-1]
     assert (last.level_db_a, last.dose) == (None, masker.exposure().dose)
     masking.choose(WANTED, None, None)
@@ -351,9 +351,9 @@ def test_the_masker_is_silent_when_the_session_is_over(monkeypatch: pytest.Monke
     assert masking is not None
     masking.choose(WANTED, None, None)
     looking(exposed, clock, 10 * 10**9)
-    assert (exposed.over(), masker.level_db_a) == ("", LEVEL_DB_A)
+    assert (exposed.end_reason(), masker.level_db_a) == ("", LEVEL_DB_A)
     looking(exposed, clock, 1)
-    assert (masker.level_db_a, exposed.over()) == (None, "it is over")
+    assert (masker.level_db_a, exposed.end_reason()) == (None, "it is over")
 
 
 def test_the_exposure_is_on_disk_every_few_seconds_with_or_without_a_masker() -> None:
@@ -390,7 +390,7 @@ def test_what_the_watching_thread_cannot_write_is_raised_where_the_session_asks_
     # Nobody watches it any longer.
     assert masker.level_db_a is None
     with refuses(JournalError):
-        exposed.over()
+        exposed.end_reason()
     exposed.close()
 
 
@@ -413,7 +413,7 @@ def test_the_experimenter_is_told_that_the_session_is_over(
     exposed.close()
     assert told == approved
     with pytest.raises(ScreenGone):
-        exposed.over()
+        exposed.end_reason()
 
 
 def test_sound_that_stands_still_ends_what_is_felt_though_nothing_is_waited_for() -> None:
@@ -430,7 +430,7 @@ def test_sound_that_stands_still_ends_what_is_felt_though_nothing_is_waited_for(
     assert stream.silenced
     assert "gone" in cast("ScriptedConsole", exposed.console).shown[-1]
     with pytest.raises(AudioError):
-        exposed.over()
+        exposed.end_reason()
 
 
 def test_a_kind_hears_that_the_session_lives_and_from_its_end_on_to_be_quiet() -> None:

@@ -212,7 +212,7 @@ def test_a_pause_is_felt_and_heard_at_once_while_the_disk_hangs(
         begun_s = time.monotonic()
         watched.exposed.pause(BY_EXPERIMENTER)
         assert watched.silent_s() - begun_s < SILENT_S
-        assert watched.felt.quieted[0][1] == watched.exposed.over() == BY_EXPERIMENTER
+        assert watched.felt.quieted[0][1] == watched.exposed.end_reason() == BY_EXPERIMENTER
         disk.answers.set()
 
 
@@ -226,11 +226,11 @@ def test_what_is_not_on_record_is_bounded_by_what_a_resume_counts(
         aside.append(threading.Thread(target=watched.log.write, args=(Note(trial=None, text="hangs"),)))
         aside[0].start()
         assert 0.5 <= watched.silent_s() - begun_s < 0.5 + SILENT_S
-        assert watched.felt.quieted[0][1] == watched.exposed.over() == exposure.GONE
+        assert watched.felt.quieted[0][1] == watched.exposed.end_reason() == exposure.GONE
         disk.answers.set()
         aside[0].join(10)
         # It stays over, also once the disk answers.
-        assert watched.exposed.over() == exposure.GONE
+        assert watched.exposed.end_reason() == exposure.GONE
     assert exposure.KILLED_NS > exposure.EVERY_NS + 5.0e9 + 2 * exposure.LOOK_S * 1e9
 
 
@@ -261,7 +261,7 @@ def test_a_signal_silences_everything_while_the_main_thread_is_in_a_call_that_do
         striking.join(10)
         assert returned_s - signalled_s[0] > 0.4
         assert watched.silent_s() - signalled_s[0] < SILENT_S
-        assert watched.exposed.over() == INTERRUPTED
+        assert watched.exposed.end_reason() == INTERRUPTED
     assert signal.set_wakeup_fd(-1) == -1
 
 
@@ -276,7 +276,7 @@ def test_the_participants_pedal_silences_everything_while_the_disk_hangs_and_goe
         begun_s, watched.steps = time.monotonic(), True
         assert watched.silent_s() - begun_s < 0.2
         wait_until(lambda: STOPPED in watched.console.shown)
-        assert watched.exposed.over() == BY_PARTICIPANT
+        assert watched.exposed.end_reason() == BY_PARTICIPANT
         disk.answers.set()
         aside[-1].join(10)
     written = [line.entry for line in journal.read(tmp_path / "a.jsonl").lines]
@@ -289,7 +289,7 @@ def test_a_pedal_that_fails_ends_what_is_felt(disk: Disk, tmp_path: Path) -> Non
         assert watched.silent_s() - begun_s < 0.2
         wait_until(lambda: any("was silent" in line for line in watched.console.shown))
         with pytest.raises(PedalError):
-            watched.exposed.over()
+            watched.exposed.end_reason()
 
 
 @pytest.mark.parametrize("begins", [True, False])

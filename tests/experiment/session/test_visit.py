@@ -17,7 +17,7 @@ from palpate.experiment.errors import Interrupted, PalpateError, PauseAsked, Ros
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.session import run
-from palpate.experiment.session.visit import asked, told, visit_steps, walk
+from palpate.experiment.session.visit import ask_first, ending_words, visit_steps, walk
 from palpate.experiment.study.schedule import Allocation
 from tests.approved import Refuses
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
@@ -97,7 +97,7 @@ def test_a_pause_before_the_first_session_comes_back_to_its_question(
             raise PauseAsked("by the experimenter")
 
     with nullcontext() if all(says) else pytest.raises(PauseAsked):
-        asked(console, ask)
+        ask_first(console, ask)
     assert len(times) == asks
     assert set(console.whys) == approved
 
@@ -144,7 +144,13 @@ def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_ask
 
 def test_how_a_session_ended_is_said_in_sentences(approved: SnapshotAssertion) -> None:
     over = Footer(reason="paused", detail="the protocol's 33 min of a session are over", answered=0)
-    said = [told(COMPLETE), told(COMPLETE, last=True), told(PAUSED), told(PAUSED, onward=False), told(over)]
+    said = [
+        ending_words(COMPLETE),
+        ending_words(COMPLETE, last=True),
+        ending_words(PAUSED),
+        ending_words(PAUSED, onward=False),
+        ending_words(over),
+    ]
     assert said == approved
 
 

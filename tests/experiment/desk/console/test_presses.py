@@ -17,25 +17,34 @@ DELAYS_S = (0.225, 0.25, 0.375, 0.4, 0.5, 0.6, 0.66)
 def test_a_key_that_is_held_counts_once(delay_s: float, period_s: float) -> None:
     presses = Presses()
     times = [0.0, *(delay_s + period_s * count for count in range(300))]
-    assert [presses.held("enter", at_s) for at_s in times] == [False, *[True] * 300]
+    assert [presses.continues("enter", at_s) for at_s in times] == [False, *[True] * 300]
 
 
 def test_it_counts_again_once_it_was_let_go() -> None:
     presses = Presses()
-    assert [presses.held("c", at_s) for at_s in (0.0, 0.5, 0.5 + HELD_S, 0.6 + HELD_S)] == [False, True, False, True]
+    assert [presses.continues("c", at_s) for at_s in (0.0, 0.5, 0.5 + HELD_S, 0.6 + HELD_S)] == [
+        False,
+        True,
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize(("between", "held"), [("c", False), (MOUSE, True)])
 def test_another_key_in_between_makes_it_another_press_and_a_click_does_not(between: str, held: bool) -> None:
     """A keyboard repeats the key that was pressed last, and no longer the one before, though that is still down."""
     presses = Presses()
-    pressed = [presses.held(key, at_s) for key, at_s in (("enter", 0.0), (between, 0.1), ("enter", 0.2))]
+    pressed = [presses.continues(key, at_s) for key, at_s in (("enter", 0.0), (between, 0.1), ("enter", 0.2))]
     assert pressed == [False, False, held]
 
 
 def test_a_key_does_not_make_it_another_click() -> None:
     presses = Presses()
-    assert [presses.held(key, at_s) for key, at_s in ((MOUSE, 0.0), ("c", 0.1), (MOUSE, 0.2))] == [False, False, True]
+    assert [presses.continues(key, at_s) for key, at_s in ((MOUSE, 0.0), ("c", 0.1), (MOUSE, 0.2))] == [
+        False,
+        False,
+        True,
+    ]
 
 
 def test_only_what_could_be_seen_is_answered() -> None:
@@ -56,7 +65,7 @@ def test_two_that_count_of_one_key_are_apart_or_have_another_between(gaps: list[
     presses, at_s, latest, counted = Presses(), 0.0, "", dict[str, float]()
     for key, gap_s in gaps:
         at_s += gap_s
-        if not presses.held(key, at_s):
+        if not presses.continues(key, at_s):
             assert key != latest or at_s - counted.get(key, -HELD_S) >= HELD_S
             counted[key] = at_s
         latest = key
