@@ -19,7 +19,7 @@ import numpy as np
 
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.errors import Finding, RigError
+from palpate.experiment.errors import Finding, Remedy, RigError
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene as scenes
@@ -102,18 +102,13 @@ def judged(
 
     Raises `RigError` for more than the protocol allows of any task, and otherwise as `fidelity`.
     """
-    from palpate.experiment.recordings import manifest
-
     carries_hz = carried_hz(rig, rig_folder)
     of = None if protocol.table(Footstep).synthesis.left_out_max is not None else task_ids
     given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
     worst = most_left_out([given(scene=one) for one in scenes.played(protocol, of)], carries_hz)
     if (refused := refusal(protocol, rig, worst, carries_hz)) is not None:
         raise RigError.at(refused)
-    known = f"at most {worst.told} is left out" if worst.share >= SHOWN else "nothing is left out"
-    known += " of these SIMULATED recordings" if manifest.is_simulated(recordings) else ""
-    known += f"; {worst.weaker}" if worst.weaker else ""
-    return known if carries_hz else f"{UNKNOWN}; if it carries all, {known}"
+    return worst.sentence(carries_hz, recordings)
 
 
 def judge(
@@ -139,6 +134,15 @@ class MostLeftOut:
     remedies: tuple[tuple[str, float], ...]
     weaker: str
 
+    def sentence(self, carries_hz: tuple[float, float] | None, recordings: Path) -> str:
+        """Return in words the most that is left out of these recordings, and whether it is known what is carried."""
+        from palpate.experiment.recordings import manifest
+
+        known = f"at most {self.told} is left out" if self.share >= SHOWN else "nothing is left out"
+        known += " of these SIMULATED recordings" if manifest.is_simulated(recordings) else ""
+        known += f"; {self.weaker}" if self.weaker else ""
+        return known if carries_hz else f"{UNKNOWN}; if it carries all, {known}"
+
 
 def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tuple[float, float] | None) -> MostLeftOut:
     """Return what a rig leaves out at most of the materials of scenes, at any speed that counts, and by what."""
@@ -161,15 +165,19 @@ def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tupl
     return MostLeftOut(budget.left_out, told, tuple((remedy, share) for share, _, remedy in counting), weaker)
 
 
+PLAN = ("palpate", "plan", "PROTOCOL", "--rig", "RIG", "--recordings", "FOLDER")
+
+
 def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[float, float] | None) -> Finding | None:
     """Return why no participant is run on a rig that leaves out so much; None where the protocol allows it."""
     most = protocol.table(Footstep).synthesis.left_out_max
     if most is None or (worst.share <= most and carries_hz is not None):
         return None
-    what, remedy = UNKNOWN, "measure the panel, and write actuator.low_hz and high_hz into the rig file"
+    what = UNKNOWN
+    remedy: Remedy | str = "measure the panel, and write actuator.low_hz and high_hz into the rig file"
     if worst.share > most:
         what = f"got {worst.told} left out"
-        remedy = f"get {_remedy(worst, most)} (palpate plan has the whole budget)"
+        remedy = Remedy(f"get {_remedy(worst, most)}; {{}} shows the whole budget", PLAN, suffices=False)
     allowed = f"{most * 100:.6g}%, by footstep.synthesis.left_out_max"
     return Finding(what, f"rig '{rig.rig.name}'", allowed=allowed, remedy=remedy)
 

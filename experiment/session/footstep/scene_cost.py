@@ -23,7 +23,6 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene as scenes
 from palpate.experiment.session.footstep.error_budget import ErrorBudget, error_budget, percent, wrapped
-from palpate.experiment.session.footstep.fidelity import SHOWN, UNKNOWN
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import StreamSettings
@@ -333,10 +332,7 @@ def _virtual(
             what = f"{dropped} of {basis.spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
             left_out.append(Omission("bins", what, None, None, lost))
     needs.append(f"bins      {_felt(held, protocol)}")
-    most = budget.most_left_out
-    carried = f"all but at most {most.told}" if most.share >= SHOWN else "all that is asked for"
-    carried = carried if budget.carries_hz else f"not known: {UNKNOWN}"
-    needs.append(f"carried   {carried}{f'; {most.weaker}' if most.weaker else ''}")
+    needs.append(f"fidelity  {budget.most_left_out.sentence(budget.carries_hz, recordings)}")
     return tuple(needs), tuple(left_out)
 
 

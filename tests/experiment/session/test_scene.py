@@ -338,7 +338,7 @@ def test_the_plan_lists_and_measures_what_each_task_leaves_out(
     felt = "all are asked for: what lies outside 0 to 500 Hz reaches 3 m/s^2 rms at up to 600 mm/s"
     assert f"bins      {felt}" in virtual.text()
     # The rig's response begins at 10 and ends at 600 Hz.
-    assert any(need.startswith("carried ") and "34.64% (rms)" in need for need in virtual.needs)
+    assert any(need.startswith("fidelity ") and "34.64% (rms)" in need for need in virtual.needs)
     assert all(len(line) <= 100 for one in (real, virtual) for line in one.text().splitlines())
     assert " 23.9 to 39.1 % (rms)" in virtual.text()
     plain = here | {"rig": rigs.load(shipped("rigs/laboratory.toml"))}
