@@ -109,6 +109,15 @@ class Status:
         label = LABELS[self.purpose]
         return f"{label}: {self.study}" if label else self.study
 
+    @property
+    def enrolment(self) -> Finding | None:
+        """That somebody is to be enrolled next, and the command for it."""
+        if self.to_enrol is None:
+            return None
+        given = ("--participant", self.to_enrol, "--dataset", str(self.root))
+        command = ("palpate", "enrol", str(storage.protocol_path(self.root)), *given)
+        return Finding(f"{self.to_enrol} is to be enrolled", remedy=Remedy("run {}", command), verdict="warns")
+
     def those(self, state: State) -> list[Person]:
         """Return the participants in a state, in the order of enrolment."""
         return [one for one in self.people if one.state == state]
@@ -172,7 +181,7 @@ class Status:
         )
         due, under_way = self.those("to begin"), self.those("under way")
         come = [f"{due[0].participant}, {due[0].place}; the order of their tasks is concealed."] if due else []
-        come += [f"{self.to_enrol} is to be enrolled."] if self.to_enrol else []
+        come += [f"{self.enrolment.what}."] if self.enrolment else []
         return "\n".join(
             [
                 shorten(f"{self.heading}: {self.title}", COLUMNS, placeholder=" ..."),

@@ -234,7 +234,7 @@ def _report_lines(status: Status) -> Iterator[tuple[str, str, list[str]]]:
     if under_way:
         yield "Under way", f"bold {YELLOW}", [one.standing for one in under_way]
     come = [f"{due[0].participant}, {due[0].place}; the order of their tasks is concealed."] if due else []
-    come += [f"{status.to_enrol} is to be enrolled (palpate enrol)."] if status.to_enrol else []
+    come += [f"{status.enrolment.sentence()}."] if status.enrolment else []
     if come:
         yield "Next", f"bold {GOOD}", come
     if status.reminders:
