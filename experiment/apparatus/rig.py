@@ -337,6 +337,7 @@ class AudioRig(Confined):
 
 
 CALIBRATE_AUDIO = ("palpate", "calibrate", "audio", "--rig", "RIG")
+DOCTOR = ("palpate", "doctor", "--rig", "RIG")
 
 UNCALIBRATED = date(2000, 1, 1)
 """What a rig file that `palpate new --rig` wrote has in place of each date of a calibration."""

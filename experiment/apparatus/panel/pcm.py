@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
+from palpate.experiment.apparatus.rig import DOCTOR
 from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.errors import ActuatorError, PalpateError, Remedy
 from palpate.experiment.records.stimulus import Delivered
@@ -157,7 +158,7 @@ class PcmActuator:
                 self._reset(connection)
         except TimeoutError as error:
             self._reset(connection)
-            remedy = Remedy("{} measures what a server does", ("palpate", "doctor", "--rig", "RIG"), suffices=False)
+            remedy = Remedy("{} measures what a server does", DOCTOR, suffices=False)
             raise ActuatorError(self._name, str(error), remedy) from error
         except OSError as error:
             # Its far end has closed, so nothing plays there any more.

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from tomlkit.items import AoT, Item, Key, SingleKey, Table
 
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import Rig, tracker_of
+from palpate.experiment.apparatus.rig import DOCTOR, Rig, tracker_of
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
 from palpate.experiment.apparatus.tracker.settings import CalibrationPoint
 from palpate.experiment.apparatus.tracker.zeroing import heights
 from palpate.experiment.clock import Clock, day
-from palpate.experiment.errors import RigError, TrackerError
+from palpate.experiment.errors import Finding, Remedy, RigError, TrackerError
 
 READINGS = 1000
 """Readings at each height."""
@@ -169,15 +169,23 @@ def report(made: Calibration) -> Iterator[str]:
         residual = "-" if point.residual_mm is None else f"{point.residual_mm:.3f}"
         yield f"{point.counts:6d} {point.mm:7.2f} {residual:>13} {point.noise_mm:10.3f}"
     yield "Residual: from the line through a point's neighbours; about a quarter of it is left between points."
+    yield from (f"Look: {one.sentence()}." for one in doubts(made))
+
+
+def doubts(made: Calibration) -> Iterator[Finding]:
+    """Yield what is to be questioned in a calibration."""
     for before, point, after in zip(made.points, made.points[1:], made.points[2:], strict=False):
         if abs(point.residual_mm or 0.0) > BENT_PART * abs(after.mm - before.mm):
-            yield f"Look: {point.mm:g} mm lies far from that line; see that the target was there, or add heights."
+            mend = "see that the target was there, or add heights"
+            yield Finding(f"{point.mm:g} mm lies far from that line", remedy=mend, verdict="warns")
     for point in made.points:
         if point.noise_mm > NOISY_MM:
-            yield f"Look: the noise at {point.mm:g} mm is above {NOISY_MM:g} mm; see to the sensor, and hold it still."
+            what = f"the noise at {point.mm:g} mm is above {NOISY_MM:g} mm"
+            yield Finding(what, remedy="see to the sensor, and hold it still", verdict="warns")
     if any(made.link[1:]):
         lost = f"{made.link.lost} frames were lost, {made.link.damaged} damaged and {made.link.repeated} repeated"
-        yield f"Look: {lost} beside {made.link.received} received; see to the line, for palpate doctor is red for it."
+        mend = Remedy("see to the line, for {} is red for it", DOCTOR, suffices=False)
+        yield Finding(f"{lost} beside {made.link.received} received", remedy=mend, verdict="warns")
 
 
 def table(rig: Rig) -> str:

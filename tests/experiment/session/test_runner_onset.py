@@ -138,7 +138,7 @@ def test_a_rig_that_delivers_nothing_pauses_the_session(
     footer = one.run(protocol, header("virtual"), tmp_path)
     detail = (
         f"the stimulus was not delivered in {runner.MOST_UNDELIVERED} attempts in a row; "
-        "run palpate doctor, then resume"
+        "run palpate doctor --rig RIG, then resume"
     )
     assert footer == Footer(reason="paused", detail=detail, answered=1, silent=True)
     assert len(one.console.armed) == 3 + runner.MOST_UNDELIVERED
