@@ -76,17 +76,19 @@ def read(root: Path) -> Study:
             beside = path.with_suffix(".json")
             sidecar = _sidecar(beside)
             if materials and materials != tuple(sidecar["Materials"]):
-                raise DatasetError(beside, "Materials differ from those of other files", "mend one of them")
+                raise DatasetError(beside, "Materials differ from those of other files", "correct one of the files")
             materials = tuple(sidecar["Materials"])
             own = _design(sidecar)
             if asked and own not in asked.values():
                 raise DatasetError(
-                    beside, "Kind, Design or Answers differ from those of other files", "mend one of them"
+                    beside, "Kind, Design or Answers differ from those of other files", "correct one of the files"
                 )
             asked[task] = own
             shown = tuple(sidecar.get("Presented", materials))
             if task in tasks and tasks[task].presented != shown:
-                raise DatasetError(beside, f"Presented differs from that of other files of task {task}", "mend one")
+                raise DatasetError(
+                    beside, f"Presented differs from that of other files of task {task}", "correct one of the files"
+                )
             told = str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", ""))
             tasks[task] = Task(task, *told, shown)
             if (session_id := sidecar.get("SessionId")) is not None:
@@ -94,7 +96,7 @@ def read(root: Path) -> Study:
                 session_ids[participant, task] = str(session_id)
             rows += _events(path, participant, task, _Levels(shown, own, facts["Origin"]), sidecar["Rows"])
     if not rows:
-        raise DatasetError(f"{root} holds no trial", remedy="run a session first, then make the dataset again")
+        raise DatasetError(f"{root} contains no trials", remedy="run a session first, then make the dataset again")
     protocol, sealed = _plan(root / "sourcedata" / "protocol.toml")
     attempts = pd.DataFrame(rows)
     rules = protocol.exclusion if protocol else ()
@@ -114,7 +116,7 @@ def read(root: Path) -> Study:
 def _check_absent(events: Path) -> None:
     if left := sorted(events.parent.glob(f"{escape(events.name.removesuffix('events.tsv'))}*")):
         raise DatasetError(
-            f"{events} is missing, though {left[0].name} stands there", remedy="restore it or make the dataset again"
+            f"{events} is missing, but {left[0].name} is there", remedy="restore it or make the dataset again"
         )
 
 
@@ -122,7 +124,9 @@ def _check_new(session_id: str, session_ids: Mapping[tuple[str, str], str], side
     for (who, task), known in session_ids.items():
         if known == session_id:
             raise DatasetError(
-                sidecar, f"SessionId {known} is that of participant {who}, task {task}, too", "keep one of them"
+                sidecar,
+                f"SessionId {known} is also that of participant {who}, task {task}",
+                "keep one of the two sessions",
             )
 
 
@@ -173,10 +177,10 @@ def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
             path, "the key Palpate lacks Study, Origin, Label or Tasks", "give a dataset made by palpate"
         )
     if facts["Origin"] not in ORIGINS:
-        raise DatasetError(path, f"Origin is {facts['Origin']!r}", "mend it", allowed=", ".join(ORIGINS))
+        raise DatasetError(path, f"Origin is {facts['Origin']!r}", "correct it", allowed=", ".join(ORIGINS))
     tasks = facts["Tasks"]
     if not (isinstance(tasks, list) and all(isinstance(task, str) for task in tasks)):
-        raise DatasetError(path, f"Tasks is {tasks!r}", "mend it", allowed="a list of task ids")
+        raise DatasetError(path, f"Tasks is {tasks!r}", "correct it", allowed="a list of task ids")
     return facts
 
 
@@ -195,7 +199,7 @@ def _json(path: Path, remedy: str) -> dict[str, Any]:
     except json.JSONDecodeError as error:
         raise DatasetError(path, f"line {error.lineno} is not JSON ({error.msg})", "make the dataset again") from error
     except ValueError as error:
-        raise DatasetError(path, f"got no JSON ({error})", "make the dataset again") from error
+        raise DatasetError(path, f"is not JSON ({error})", "make the dataset again") from error
     if not isinstance(content, dict):
         raise DatasetError(path, f"got {type(content).__name__}", "make the dataset again", allowed="a JSON object")
     _refuse_hidden(path, content)
@@ -256,7 +260,9 @@ def _table(path: Path) -> tuple[list[str], list[list[str]]]:
     lines = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
     for number, line in enumerate(lines, start=1):
         if len(line) != len(lines[0]):
-            raise DatasetError(path, f"{len(line)} cells under {len(lines[0])} columns", "mend the line", line=number)
+            raise DatasetError(
+                path, f"{len(line)} cells under {len(lines[0])} columns", "correct the line", line=number
+            )
     return lines[0], lines[1:]
 
 
@@ -271,7 +277,7 @@ def _participants(path: Path) -> tuple[dict[str, bool], dict[str, str]]:
         cells = dict(zip(columns, row, strict=True))
         label = cells["participant_id"].removeprefix("sub-")
         if label in found:
-            raise DatasetError(path, f"participant {label} is listed twice", "keep one line", line=number)
+            raise DatasetError(path, f"participant {label} is listed twice", "keep one of the lines", line=number)
         found[label] = cells.get("withdrawn", MISSING) == "1"
         if (task := cells.get("first_task", MISSING)) != MISSING:
             first[label] = task
@@ -283,7 +289,7 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
         label = path.parent.parent.name.removeprefix("sub-")
         if label not in participants:
             raise DatasetError(
-                path, f"participant {label} is not in participants.tsv", "add the line or remove the file"
+                path, f"participant {label} is not in participants.tsv", "add the line, or remove the file"
             )
         if path.name not in {f"sub-{label}_task-{task}_events.tsv" for task in tasks}:
             raise DatasetError(
@@ -304,7 +310,7 @@ def _events(path: Path, participant: str, task: str, levels: _Levels, count: int
         row = _event(dict(zip(columns, line, strict=True)), f"{path}: line {number}", levels)
         if row["counted"]:
             if row["trial"] in counted:
-                raise DatasetError(path, f"trial {row['trial']} counts twice", "one attempt may count", line=number)
+                raise DatasetError(path, f"trial {row['trial']} counts twice", "let one attempt count", line=number)
             counted.add(row["trial"])
         rows.append({"participant": participant, "task": task, **row})
     return rows
@@ -322,7 +328,7 @@ def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, o
     }
     for column, allowed in choices.items():
         if cells[column] not in allowed:
-            raise DatasetError(where, f"{column}: got {cells[column]!r}", "mend the row", allowed=", ".join(allowed))
+            raise DatasetError(where, f"{column}: got {cells[column]!r}", "correct the row", allowed=", ".join(allowed))
     return {
         "trial": _whole(cells["trial"], f"{where}: trial"),
         "attempt": _whole(cells["attempt"], f"{where}: attempt"),
@@ -344,7 +350,7 @@ def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, o
 
 def _whole(cell: str, where: str) -> int:
     if not (cell.isascii() and cell.isdigit() and len(cell) < 8 and int(cell) > 0):
-        raise DatasetError(where, f"got {cell!r}", "mend the row", allowed="a whole number from 1")
+        raise DatasetError(where, f"got {cell!r}", "correct the row", allowed="a whole number from 1")
     return int(cell)
 
 
@@ -365,7 +371,7 @@ def _number(cell: str, where: str, allowed: str = "a number") -> float:
     except ValueError:
         value = math.nan
     if not ALLOWED[allowed](value):
-        raise DatasetError(where, f"got {cell!r}", "mend the row", allowed=f"{allowed}, or {MISSING}")
+        raise DatasetError(where, f"got {cell!r}", "correct the row", allowed=f"{allowed}, or {MISSING}")
     return value
 
 
@@ -384,7 +390,9 @@ def read_pooled(roots: Sequence[Path]) -> Study:
     chances, or the same people's trials; and `ProtocolError`.
     """
     if len({root.resolve() for root in roots}) < len(roots):
-        raise DatasetError(f"got a dataset twice among {', '.join(map(str, roots))}", remedy="name each once")
+        raise DatasetError(
+            f"got the same dataset twice in {', '.join(map(str, roots))}", remedy="name each dataset once"
+        )
     studies = [read(root) for root in roots]
     return studies[0] if len(studies) == 1 else _pool(studies, _names(roots))
 
@@ -426,7 +434,7 @@ def _check_alike(studies: Sequence[Study], names: Sequence[str]) -> None:
     if len(origins) > 1:
         raise DatasetError(
             f"got datasets of {', '.join(sorted(origins))}",
-            remedy="pool each origin alone",
+            remedy="pool the datasets of each origin separately",
             allowed="those of one origin",
         )
     for study, name in zip(studies, names, strict=True):
@@ -434,18 +442,20 @@ def _check_alike(studies: Sequence[Study], names: Sequence[str]) -> None:
             raise DatasetError(
                 name,
                 f"got the materials {', '.join(study.materials)}",
-                "analyse it apart",
+                "analyse it separately",
                 allowed=f"{', '.join(first.materials)}, as in {names[0]}",
             )
         if {*study.designs.values()} != {*first.designs.values()}:
-            raise DatasetError(name, f"got other answers than in {names[0]}", "analyse it apart", allowed="the same")
+            raise DatasetError(
+                name, f"got other answers than in {names[0]}", "analyse it separately", allowed="the same"
+            )
 
 
 def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
     there = {session_id: who for (who, _), session_id in second.session_ids.items()}
     copies = {who: there[one] for (who, _), one in first.session_ids.items() if one in there}
     people = [who if who == name else f"{who} (there {name})" for who, name in copies.items()]
-    told = "judging by the ids of their sessions"
+    told = "by the ids of their sessions"
     if not people:
         old, new = _trials(first), _trials(second)
         both = [key for key in old if key in new and not (key in first.session_ids and key in second.session_ids)]
@@ -454,11 +464,11 @@ def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
         timed = first.attempts.dropna(subset="response_time_s").groupby(["participant", "task"]).groups
         if any(key in timed for key in alike) or (len(alike) >= LEAST and len(alike) == len(both)):
             people = list(dict.fromkeys(who for who, _ in alike))
-        told = "every one of a session is the same, and no id tells these sessions apart"
+        told = "all trials of a session are the same, and no id distinguishes the sessions"
     if people:
         more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""
         raise DatasetError(
-            f"{names[0]} and {names[1]} hold the same trials of {', '.join(people[:NAMED])}{more} ({told})",
+            f"{names[0]} and {names[1]} contain the same trials of {', '.join(people[:NAMED])}{more} ({told})",
             remedy="give each participant once",
         )
 
@@ -502,6 +512,6 @@ def _tasks(studies: Sequence[Study]) -> tuple[Task, ...]:
             if (known.title, known.presented) != (task.title, task.presented):
                 one, other = (f"'{each.title}' with {', '.join(each.presented)}" for each in (known, task))
                 raise DatasetError(
-                    f"task {task.id}", f"got {one}, and {other}", "analyse the datasets apart", allowed="one"
+                    f"task {task.id}", f"got {one}, and {other}", "analyse the datasets separately", allowed="one"
                 )
     return tuple(found.values())

@@ -165,7 +165,7 @@ def test_what_is_left_of_a_session_tells_that_its_events_are_missing(dataset: Pa
     for path in (EVENTS, SIDECAR):
         (dataset / path).unlink()
     (dataset / EVENTS).with_name(left).touch()
-    message = rf"{EVENTS} is missing, though {left} stands there; restore it"
+    message = rf"{EVENTS} is missing, but {left} is there; restore it"
     with pytest.raises(DatasetError, match=message):
         read(dataset)
     (dataset / EVENTS).with_name(left).unlink()

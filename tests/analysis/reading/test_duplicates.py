@@ -67,7 +67,7 @@ def test_a_session_counts_once_under_its_id(
         write_dataset(tmp_path / "copy", copy, session_ids=ids),
     ]
     for order, said in ((roots, named), (roots[::-1], "")):
-        message = f"{order[0].name} and {order[1].name} hold the same trials of {said}"
+        message = f"{order[0].name} and {order[1].name} contain the same trials of {said}"
         with pytest.raises(DatasetError, match=re.escape(message)) as refused:
             read_pooled(order)
         assert "by the ids of their sessions" in str(refused.value)

@@ -153,8 +153,8 @@ def test_what_does_not_belong_together_is_refused(tmp_path: Path) -> None:
     for roots, why in (
         ([north, rehearsed], "allowed: those of one origin"),
         ([north, other], "got the materials glass, sand;"),
-        ([north, copied], "north and copied hold the same trials of 01, 02, 03, 04 "),
-        ([north, north], "a dataset twice"),
+        ([north, copied], "north and copied contain the same trials of 01, 02, 03, 04 "),
+        ([north, north], "the same dataset twice"),
     ):
         with pytest.raises(DatasetError, match=why):
             read_pooled(roots)
