@@ -3,6 +3,7 @@
 import gc
 import sys
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -547,47 +548,17 @@ def review(
     the second rater says is kept beside the sounds; the first answers stay as they are. To go on later, run the same
     command again. Cohen's kappa is told of the share that was drawn by chance, and of the flagged answers, apart.
     """
-    from dataclasses import asdict
-
-    from palpate.experiment.dataset.bids import LABELS
-    from palpate.experiment.dataset.checks import origin_of
     from palpate.experiment.desk.voice import review as reviews
-    from palpate.experiment.protocol import files
-    from palpate.experiment.storage import protocol_path
 
-    protocol = files.load(protocol_path(dataset))
-    found, known = reviews.utterances(dataset, share=share, seed=seed), reviews.rated(dataset, by)
-    left = [one for one in found if one.sha256 not in known]
+    review = reviews.read_review(dataset, by=by, share=share, seed=seed)
     if only_list:
-        for one in left:
+        for one in review.left:
             typer.echo(str(one.file))
         return
-    origin = origin_of(dataset)
     if not as_json:
-        if label := next((text for one, text in LABELS.items() if one == origin), ""):
-            typer.echo(label)
-
-        def present(number: int, one: reviews.Utterance) -> None:
-            typer.echo(f"Answer {number} of {len(left)}{f': {one.file}' if paths else ''}")
-            if not paths:
-                reviews.play(one.file, player)
-
-        known |= reviews.have_rated(left, protocol, by=by, present=present, ask=_typed)
-    agreed = reviews.agreements(found, known, protocol)
-    if as_json:
-        options.put(
-            {
-                "origin": origin,
-                "by": by,
-                "left": len(left),
-                "agreement": {what: asdict(one) for what, one in agreed.items()},
-            }
-        )
-        return
-    typer.echo(f"Second rater {by}: {len(found) - sum(one.sha256 in known for one in found)} of {len(found)} are left.")
-    for what, agreement in agreed.items():
-        typer.echo(f"Answers {what}: {agreement.summary}.")
-    typer.echo("Those drawn by chance tell of the study; flagged ones are harder than most.")
+        play = None if paths else partial(reviews.play, player=player)
+        review = review.continued(play, tell=typer.echo, ask=_typed)
+    options.put(review.as_dict() if as_json else review.text())
 
 
 def _typed(offered: str) -> str | None:

@@ -1,20 +1,16 @@
 """The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
 
-from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, StudyFolder
 from palpate.experiment.protocol.kinds.footstep import Footstep
-
-if TYPE_CHECKING:
-    from palpate.experiment.errors import Finding
 
 commands = options.room()
 calibrate = typer.Typer(
@@ -88,6 +84,7 @@ def doctor(
     """
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.apparatus.doctor import doctor as doctors
+    from palpate.experiment.apparatus.doctor.checks import Report, lines
     from palpate.experiment.clock import MonotonicClock
     from palpate.experiment.errors import RigError
     from palpate.experiment.rehearsal.session import simulated_far_ends
@@ -98,46 +95,18 @@ def doctor(
     with suppress(RigError):
         if (audio := rigs.load(rig).audio) is not None and audio.channels.loopback is not None:
             typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
-    found = []
     examined = doctors.examine(
         rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
     )
+    report = Report(rig)
     for check in chain(examined, footsteps.omissions(rig, protocol, dataset, recordings)):
-        found.append(check)
+        report.checks.append(check)
         if not as_json:
-            for line in lines(check):
+            for line in lines(check, options.columns(10_000)):
                 typer.echo(line)
-    red = sum(check.verdict == "refuses" for check in found)
-    document = {"rig": str(rig), "ready": not red, "checks": list(map(document_of, found))}
-    told = f"{red} of {len(found)} checks {'is' if red == 1 else 'are'} red." if red else "Nothing is red."
-    options.put(document if as_json else told)
-    if red:
-        raise typer.Exit(2)
-
-
-def document_of(check: "Finding") -> dict[str, str]:
-    """Return a check for programs."""
-    from palpate.experiment.apparatus.doctor.checks import COLORS
-
-    return {
-        "name": check.check,
-        "verdict": COLORS[check.verdict],
-        "measured": check.observation(),
-        "allowed": check.allowed,
-        "remedy": f"{check.remedy}",
-    }
-
-
-def lines(check: "Finding") -> Iterator[str]:
-    """Yield a check for the terminal: what was measured, and the remedy under it."""
-    from palpate.experiment.findings import wrapped
-
-    shown = document_of(check)
-    allowed = f" (allowed: {check.allowed})" if check.allowed else ""
-    heads = f"{shown['verdict']:11}  {shown['name']:19}  ", " " * 34
-    for head, text in zip(heads, (shown["measured"] + allowed, shown["remedy"]), strict=True):
-        if text:
-            yield from wrapped(text, check.remedy, options.columns(10_000), (head, heads[1]))
+    options.put(report.as_dict() if as_json else report.verdict)
+    if report.red:
+        raise typer.Exit(RigError.exit_code)
 
 
 @calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")

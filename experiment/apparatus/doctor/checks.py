@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
 
@@ -29,11 +29,56 @@ from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import Clock, day, wall_ns
 from palpate.experiment.errors import ActuatorError, Finding, PalpateError, Remedy, Verdict
+from palpate.experiment.findings import wrapped
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.study.privacy import CLOSING, readable_by_others
 
 COLORS: Mapping[Verdict, str] = {"passes": "green", "unknown": "not checked", "refuses": "red"}
 """How a verdict is shown, and its word in the document for programs."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the checks of a rig found, of which one that refuses is red."""
+
+    rig: Path
+    checks: list[Finding] = field(default_factory=list)
+
+    @property
+    def red(self) -> int:
+        """How many checks are red."""
+        return sum(check.verdict == "refuses" for check in self.checks)
+
+    @property
+    def verdict(self) -> str:
+        """The sentence under the checks."""
+        are = "is" if self.red == 1 else "are"
+        return f"{self.red} of {len(self.checks)} checks {are} red." if self.red else "Nothing is red."
+
+    def as_dict(self) -> dict[str, object]:
+        """Return it for programs."""
+        return {"rig": str(self.rig), "ready": not self.red, "checks": [*map(record, self.checks)]}
+
+
+def record(check: Finding) -> dict[str, str]:
+    """Return a check for programs."""
+    return {
+        "name": check.check,
+        "verdict": COLORS[check.verdict],
+        "measured": check.observation(),
+        "allowed": check.allowed,
+        "remedy": f"{check.remedy}",
+    }
+
+
+def lines(check: Finding, columns: int) -> Iterator[str]:
+    """Yield a check for a terminal of so many columns: what was measured, and the remedy under it."""
+    shown = record(check)
+    allowed = f" (allowed: {check.allowed})" if check.allowed else ""
+    heads = f"{shown['verdict']:11}  {shown['name']:19}  ", " " * 34
+    for head, text in zip(heads, (shown["measured"] + allowed, shown["remedy"]), strict=True):
+        if text:
+            yield from wrapped(text, check.remedy, columns, (head, heads[1]))
 
 
 def passed(name: str, measured: str, allowed: str = "") -> Finding:

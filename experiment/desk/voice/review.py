@@ -9,7 +9,7 @@ import os
 import subprocess
 import wave
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,10 @@ from pydantic import ValidationError
 from palpate.experiment import storage
 from palpate.experiment.clock import utc, wall_ns
 from palpate.experiment.dataset import tables
+from palpate.experiment.dataset.bids import LABELS
+from palpate.experiment.dataset.checks import origin_of
 from palpate.experiment.errors import AudioError, DatasetError
+from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Answer, Correction, Record, Redo, Spoken, Utc
@@ -181,6 +184,65 @@ def have_rated(
             break
         seconds[one.sha256] = put_on_record(one, by=by, answered=keys.get(typed), clear=typed != unclear)
     return seconds
+
+
+@dataclass(frozen=True)
+class Review:
+    """What the second rater `by` is to listen to in a dataset of this `origin`, and their `seconds` so far."""
+
+    protocol: Protocol
+    origin: str
+    by: str
+    utterances: tuple[Utterance, ...]
+    seconds: Mapping[str, Second]
+
+    @property
+    def left(self) -> tuple[Utterance, ...]:
+        """What was not listened to yet."""
+        return tuple(one for one in self.utterances if one.sha256 not in self.seconds)
+
+    @property
+    def agreements(self) -> dict[str, Agreement]:
+        """How far both agree on the answers drawn by chance, and on the flagged ones."""
+        return agreements(self.utterances, self.seconds, self.protocol)
+
+    def continued(
+        self, play: Callable[[Path], None] | None, *, tell: Callable[[str], None], ask: Callable[[str], str | None]
+    ) -> "Review":
+        """Have what is left listened to; without `play` files are named. Raises as `have_rated`, and as `play`."""
+        left = self.left
+        if label := next((text for origin, text in LABELS.items() if origin == self.origin), ""):
+            tell(label)
+
+        def present(number: int, one: Utterance) -> None:
+            tell(f"Answer {number} of {len(left)}{f': {one.file}' if play is None else ''}")
+            if play is not None:
+                play(one.file)
+
+        said = have_rated(left, self.protocol, by=self.by, present=present, ask=ask)
+        return replace(self, seconds={**self.seconds, **said})
+
+    def as_dict(self) -> dict[str, object]:
+        """Return how far both agree, for programs."""
+        agreed = {what: asdict(one) for what, one in self.agreements.items()}
+        return {"origin": self.origin, "by": self.by, "left": len(self.left), "agreement": agreed}
+
+    def text(self) -> str:
+        """Return how far both agree, for a terminal."""
+        return "\n".join(
+            [
+                f"Second rater {self.by}: {len(self.left)} of {len(self.utterances)} are left.",
+                *(f"Answers {what}: {agreement.summary}." for what, agreement in self.agreements.items()),
+                "Those drawn by chance tell of the study; flagged ones are harder than most.",
+            ]
+        )
+
+
+def read_review(root: Path, *, by: str, share: float, seed: int) -> Review:
+    """Return the review of a dataset by a second rater, as far as it is. Raises as `utterances` and `rated`."""
+    protocol = files.load(storage.protocol_path(root))
+    found = utterances(root, share=share, seed=seed)
+    return Review(protocol, origin_of(root), by, found, rated(root, by))
 
 
 def agreements(

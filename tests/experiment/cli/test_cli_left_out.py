@@ -15,8 +15,8 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 from typer.testing import CliRunner, Result
 
+from palpate.experiment.apparatus.doctor.checks import lines
 from palpate.experiment.cli.app import app
-from palpate.experiment.cli.rig import lines
 from palpate.experiment.errors import Finding, RecordingError, RigError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
@@ -218,14 +218,12 @@ def test_the_doctor_tells_the_share_or_why_it_is_not_known(
 
 
 def test_the_doctor_writes_in_the_width_of_a_terminal_and_without_control_characters(
-    monkeypatch: pytest.MonkeyPatch,
     approved: SnapshotAssertion,
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
     long = Finding(
         "words " * 30, allowed="other words " * 20, remedy="measure the loaded panel " * 10, check="response table"
     )
-    shown = [line for one in lines(long) for line in one.split("\n")]
+    shown = [line for one in lines(long, 80) for line in one.split("\n")]
     assert max(map(len, shown)) <= 80
     assert all(line.isprintable() for line in shown)
     assert shown == approved
