@@ -376,8 +376,7 @@ class _Session:
         if over := self._exposed.end_reason():
             return over
         if self._attempts.undelivered >= MOST_UNDELIVERED:
-            count = self._attempts.undelivered
-            what = f"the stimulus was not delivered in {count} attempts in a row"
+            what = f"the stimulus was not delivered in {self._attempts.undelivered} attempts in a row"
             return PalpateError(what, remedy=Remedy("run {}, then resume", DOCTOR)).sentence()
         if begun[trial] == MOST_ATTEMPTS:
             return f"trial {trial} was begun {MOST_ATTEMPTS} times; see to the rig, then go on"

@@ -165,9 +165,6 @@ def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tupl
     return MostLeftOut(budget.left_out, told, tuple((remedy, share) for share, _, remedy in counting), weaker)
 
 
-PLAN = ("palpate", "plan", "PROTOCOL", "--rig", "RIG", "--recordings", "FOLDER")
-
-
 def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[float, float] | None) -> Finding | None:
     """Return why no participant is run on a rig that leaves out so much; None where the protocol allows it."""
     most = protocol.table(Footstep).synthesis.left_out_max
@@ -177,7 +174,8 @@ def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[
     remedy: Remedy | str = "measure the panel, and write actuator.low_hz and high_hz into the rig file"
     if worst.share > most:
         what = f"got {worst.told} left out"
-        remedy = Remedy(f"get {_remedy(worst, most)}; {{}} shows the whole budget", PLAN, suffices=False)
+        plan = ("palpate", "plan", "PROTOCOL", "--rig", "RIG", "--recordings", "FOLDER")
+        remedy = Remedy(f"get {_remedy(worst, most)}; {{}} shows the whole budget", plan, suffices=False)
     allowed = f"{most * 100:.6g}%, by footstep.synthesis.left_out_max"
     return Finding(what, f"rig '{rig.rig.name}'", allowed=allowed, remedy=remedy)
 
