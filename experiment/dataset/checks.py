@@ -2,12 +2,12 @@
 
 Nothing foreign, copied, renamed or made for another purpose enters a table. Headers are checked against path, protocol,
 seal, seed and roster (or the plan), and every file against the log's anchors. A reader runs the list as far as it
-wants: `load_sound` stops at the first refusal, `palpate status` shows all, `palpate verify` those `OF_TABLES` as well.
+wants: `load_sound` stops at the first refusal, `palpate status` shows all, `palpate verify` every check there is.
 """
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import date, datetime, timedelta
 from functools import partial
 from importlib import import_module
@@ -63,7 +63,15 @@ class Plan(BaseModel):
 
 
 @dataclass(frozen=True)
-class Dataset:
+class Sessions:
+    """A dataset's folder, with the headers of journals that are whole, whatever else is wrong."""
+
+    root: Path
+    sessions: tuple[tuple[Path, Header], ...] = field(default=(), kw_only=True)
+
+
+@dataclass(frozen=True)
+class Dataset(Sessions):
     """A dataset on disk, with all its journals read.
 
     A simulation has a `plan`, a study a `roster`, and a `seal` once a session began. `tasks` are those of every
@@ -73,7 +81,6 @@ class Dataset:
     which one is refused are not `whole`.
     """
 
-    root: Path
     protocol: Protocol
     purpose: Purpose
     seed: int
@@ -81,7 +88,6 @@ class Dataset:
     plan: Plan | None = None
     roster: Roster | None = None
     seal: Seal | None = None
-    sessions: tuple[tuple[Path, Header], ...] = ()
     under_way: frozenset[Path] = frozenset()
     withdrawals: frozenset[Path] = frozenset()
     begun: frozenset[Path] = frozenset()
@@ -94,23 +100,11 @@ class Dataset:
         return self.roster or Roster(storage.roster_path(self.root))
 
 
-ALONE = {"RECONSTRUCTION": "only counts from print", "IMPORTED": "only what was imported"}
-"""What stands behind tables that never had a journal, by their origin."""
-
-
 def has_journals(root: Path) -> bool:
     """Return whether a dataset was made from journals, even if some are gone; others hold tables alone."""
     source = root / "sourcedata"
     settled = (storage.seed_path(root), storage.plan_path(root), storage.roster_path(root))
     return any(path.exists() for path in settled) or any(source.glob("sub-*/sub-*"))
-
-
-def origin_of(root: Path) -> str:
-    """Return what the tables of a dataset say that they are. Raises `DatasetError` if they say nothing."""
-    try:
-        return str(storage.json_of(storage.read_bytes(root / "dataset_description.json"))["Palpate"]["Origin"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DatasetError(root, "is no dataset of palpate", "give the folder that holds sourcedata") from error
 
 
 def journals(root: Path) -> list[Path]:
@@ -127,13 +121,13 @@ def load_sound(root: Path, each: Each = map) -> Dataset:
     return dataset
 
 
-def findings(dataset: Dataset, *names: str) -> Iterator[Finding]:
+def findings(dataset: Sessions, *names: str) -> Iterator[Finding]:
     """Yield each thing that speaks against a dataset once, with the name of its check, in the order of `CHECKS`.
 
-    Without `names` of checks, all are run but those `OF_TABLES`, which only make sense of sound journals.
+    Without `names` of checks, all are run but `OF_FILES` and `OF_TABLES`; these make sense of sound journals alone.
     """
     known: set[Finding] = set()
-    for name in names or [name for name in CHECKS if name not in OF_TABLES]:
+    for name in names or [name for name in CHECKS if name not in (*OF_TABLES, *OF_FILES)]:
         for one in CHECKS[name](dataset):
             finding = replace(one, check=name)
             if finding not in known:
@@ -448,7 +442,10 @@ def _forgotten_withdrawals(root: Path, roster: Roster, marked: Iterable[Path]) -
 OF_TABLES = ("edits", "traces")
 """The checks that compare what was made of sound sessions' journals; looked up, for no session brings them along."""
 
-CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
+OF_FILES = ("rigs", "recordings")
+"""The checks of what journals name, `Sessions` alone, which only `palpate verify` runs; one that passes says so."""
+
+CHECKS: Mapping[str, Callable[[Any], Iterable[Finding]]] = {
     "anchors": _anchors,
     "erased": _erased,
     "strays": _strays,
@@ -461,5 +458,7 @@ CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "withdrawals": lambda dataset: _forgotten_withdrawals(dataset.root, dataset.people, dataset.withdrawals),
     "edits": lambda dataset: import_module("palpate.experiment.dataset.tables").differences(dataset),
     "traces": lambda dataset: import_module("palpate.experiment.dataset.tables").lost_traces(dataset),
+    "rigs": lambda sessions: import_module("palpate.experiment.dataset.verify").rig_files(sessions),
+    "recordings": lambda sessions: import_module("palpate.experiment.dataset.verify").recordings(sessions),
 }
 """Every check of a dataset, in the order in which it is run, by the name that its findings have."""

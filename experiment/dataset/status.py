@@ -11,7 +11,7 @@ from textwrap import fill, shorten, wrap
 from typing import Literal
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import checks
+from palpate.experiment.dataset import checks, tables
 from palpate.experiment.dataset.build import LABELS
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.errors import DatasetError, Finding, ProtocolError, Remedy
@@ -259,7 +259,7 @@ def status(given: Path, today: date) -> Status:
     storage.refuse_other_format(root)
     if not checks.has_journals(root):
         described = (root / "dataset_description.json").exists()
-        alone = checks.ALONE.get(checks.origin_of(root)) if described else None
+        alone = tables.ALONE.get(tables.origin_of(root)) if described else None
         remedy = Remedy("enrol somebody first", ("palpate", "enrol", "PROTOCOL"))
         if alone:
             words = f"it holds {alone}, of which {{}} makes tables and a report"

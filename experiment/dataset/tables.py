@@ -17,17 +17,28 @@ from palpate.experiment.dataset.checks import (
     findings,
     has_journals,
     load_sound,
-    origin_of,
 )
 from palpate.experiment.errors import DatasetError, Finding, PalpateError
 from palpate.experiment.records import entries, journal
 from palpate.experiment.records.progress import progress
+
+
+def origin_of(root: Path) -> str:
+    """Return what the tables of a dataset say that they are. Raises `DatasetError` if they say nothing."""
+    try:
+        return str(storage.json_of(storage.read_bytes(root / "dataset_description.json"))["Palpate"]["Origin"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(root, "is no dataset of palpate", "give the folder that holds sourcedata") from error
+
 
 READ = {
     "dataset_description.json": ("Name", "Palpate"),
     "_events.json": ("TaskTitle", "Instructions", "Kind", "Design", "Materials", "Answers", "Rows", "SessionId"),
 }
 """What analysis reads of JSON files, by the end of their names; each version words the rest in its own way."""
+
+ALONE = {"RECONSTRUCTION": "only counts from print", "IMPORTED": "only what was imported"}
+"""What stands behind tables that never had a journal, by their origin."""
 
 UNMADE = "a rehearsal makes its tables at its end, and not all are there yet; the same palpate rehearse goes on with it"
 

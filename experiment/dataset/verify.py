@@ -15,7 +15,7 @@ from typing import Literal
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import build, checks, register, tables
-from palpate.experiment.dataset.checks import Dataset
+from palpate.experiment.dataset.checks import Dataset, Sessions
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, anchors_of_file
 from palpate.experiment.dataset.signatures import Signer, soundly_signed
 from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, RecordingError, Remedy, Verdict
@@ -90,14 +90,14 @@ def verify(
         return Report(f"a dataset of another format: {root}", (_inside(root, other.finding),), (verdict,))
     journals = checks.journals(root)
     roster = storage.roster_path(root)
-    headers: list[Header] = []
+    sessions: list[tuple[Path, Header]] = []
     rosters: list[Roster] = []
     enrolled = [_file_finding(root, roster, lambda: _roster(roster, rosters))] if roster.exists() else []
     people = rosters[0] if rosters else Roster(roster)
     here = [path for path in journals if not people.has_erased(str(path))]
-    findings = [_file_finding(root, path, lambda path=path: _session(path, headers)) for path in here]  # type: ignore[misc]
+    findings = [_file_finding(root, path, lambda path=path: _session(root, path, sessions)) for path in here]  # type: ignore[misc]
     findings += enrolled
-    known = {(header.study, header.purpose) for header in headers}
+    known = {(header.study, header.purpose) for _, header in sessions}
     evidence, told = _evidence(root, known, registers, numbers, signer)
     files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *journals)}
     foreign = [place for place in evidence if _is_foreign(place, files)]
@@ -107,8 +107,8 @@ def verify(
     unlike += _other_seal(root, ours)
     refused = {str(finding.where) for finding in (*findings, *unlike) if finding.verdict == "refuses"}
     unlike += [Finding(FOREIGN, place.place) for place in foreign]
-    if named := {header.recordings_sha256 for header in headers} - {None}:
-        findings.append(_file_finding(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
+    whole = Sessions(root, sessions=tuple(sessions))
+    findings += [_inside(root, one) for one in checks.findings(whole, "recordings")]
     already = {(one.where, one.clause()) for one in findings}
     findings += _together(root, already, evidence, refused) if checks.has_journals(root) else _tables_alone(root)
     findings = list(_cut_short(findings, _unfinished(root, people)))
@@ -193,11 +193,11 @@ def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
 
 def _tables_alone(root: Path) -> Iterator[Finding]:
     """Tell what stands behind tables without journals."""
-    if (origin := checks.origin_of(root)) not in checks.ALONE:
+    if (origin := tables.origin_of(root)) not in tables.ALONE:
         text = f"holds no journal, and the tables say {origin}; restore it from a backup"
         yield Finding(text, "sourcedata")
         return
-    text = f"no journal is behind these tables, {checks.ALONE[origin]}: no change shows"
+    text = f"no journal is behind these tables, {tables.ALONE[origin]}: no change shows"
     yield Finding(text, origin, verdict="unknown")
 
 
@@ -214,16 +214,14 @@ def _inside(root: Path, finding: Finding) -> Finding:
     return replace(finding, where=finding.place(root))
 
 
-def _session(path: Path, headers: list[Header]) -> str:
+def _session(root: Path, path: Path, sessions: list[tuple[Path, Header]]) -> str:
     contents = journal.read_if_begun(path, strict=False)
     if not contents.lines:
         return "no line: the session never began"
-    headers.append(contents.header)
+    sessions.append((path, contents.header))
     journal.refuse_unreadable(path, contents)
-    rig_file = storage.rig_path(path)
-    rig = rigs.session_rig(rig_file, contents.header.rig_sha256)
-    if rig.actuator.shaping:
-        rigs.response_table(rig_file.parent, rig.actuator.shaping)
+    for refusal in checks.findings(Sessions(root, sessions=tuple(sessions[-1:])), "rigs"):
+        raise DatasetError.at(refusal)
     outcomes = [entry for entry in contents.entries if isinstance(entry, Outcome)]
     steps = [trace for outcome in outcomes if (trace := outcome.frames)]
     build.raw_frames(path, outcomes)
@@ -255,6 +253,24 @@ def _roster(path: Path, rosters: list[Roster]) -> str:
     times = [link.t_ns for link in enrolled.lines.links]
     back = "; a line is older than the one before it: the clock was wrong" if times != sorted(times) else ""
     return f"{len(enrolled.consent_on)} enrolled, {len(enrolled.withdrawn)} of them withdrawn{torn}{back}"
+
+
+def rig_files(dataset: Sessions) -> Iterator[Finding]:
+    """Yield each rig file, with its response table, that is not the one that the journal beside it names."""
+    for path, header in dataset.sessions:
+        file = storage.rig_path(path)
+        try:
+            rig = rigs.session_rig(file, header.rig_sha256)
+            if rig.actuator.shaping:
+                rigs.response_table(file.parent, rig.actuator.shaping)
+        except PalpateError as error:
+            yield error.finding
+
+
+def recordings(dataset: Sessions) -> Iterator[Finding]:
+    """Yield whether the recordings are those that journals name, where any is named."""
+    if named := {header.recordings_sha256 for _, header in dataset.sessions} - {None}:
+        yield _file_finding(dataset.root, dataset.root / storage.RECORDINGS, lambda: _recordings(dataset.root, named))
 
 
 def _recordings(root: Path, named: set[str | None]) -> str:

@@ -184,8 +184,8 @@ def doubts(made: Calibration) -> Iterator[Finding]:
             yield Finding(what, remedy="see to the sensor, and hold it still", verdict="warns")
     if any(made.link[1:]):
         lost = f"{made.link.lost} frames were lost, {made.link.damaged} damaged and {made.link.repeated} repeated"
-        mend = Remedy("see to the line, for {} is red for it", DOCTOR, suffices=False)
-        yield Finding(f"{lost} beside {made.link.received} received", remedy=mend, verdict="warns")
+        remedy = Remedy("see to the line, for {} is red for it", DOCTOR, suffices=False)
+        yield Finding(f"{lost} beside {made.link.received} received", remedy=remedy, verdict="warns")
 
 
 def table(rig: Rig) -> str:

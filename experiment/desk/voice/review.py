@@ -19,7 +19,7 @@ from palpate.experiment import storage
 from palpate.experiment.clock import utc, wall_ns
 from palpate.experiment.dataset import tables
 from palpate.experiment.dataset.bids import LABELS
-from palpate.experiment.dataset.checks import origin_of
+from palpate.experiment.dataset.tables import origin_of
 from palpate.experiment.errors import AudioError, DatasetError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol

@@ -92,6 +92,14 @@ def test_each_check_finds_what_it_is_for(made: MadeStudy, tmp_path: Path, check:
     assert refused.value.finding.check == found[0]
 
 
+def test_a_rig_file_is_the_one_that_the_journal_beside_it_names(made: MadeStudy, tmp_path: Path) -> None:
+    study = copied(made, tmp_path / "study")
+    file = storage.rig_path(study.journal())
+    file.write_bytes(file.read_bytes().replace(b'name = "rehearsal"', b'name = "another"'))
+    (found,) = checks.findings(checks.load_sound(study.root), *checks.OF_FILES)
+    assert (found.check, found.where, found.verdict) == ("rigs", file, "refuses")
+
+
 @pytest.mark.parametrize(("check", "end", "suffices"), [("edits", "events.tsv", False), ("traces", "tsv.gz", True)])
 def test_what_was_made_of_journals_is_compared_where_it_is_asked_for(
     made: MadeStudy, tmp_path: Path, check: str, end: str, suffices: bool
