@@ -401,15 +401,15 @@ def status(
     code is 1 if anything speaks against the evidence.
     """
     options.at_once("Reading the study; that takes some seconds.")
-    from palpate.analysis.documents import drawing
-
-    drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}
-    if figure is not None and figure.suffix.lower() not in drawn:
+    if figure is not None and figure.suffix.lower() not in (".svg", ".png", ".pdf"):
         raise PalpateError(
             f"--figure {figure}", f"got the suffix '{figure.suffix}'", "give one", allowed=".svg, .png, .pdf"
         )
     found = status_of(study)
     if figure is not None:
+        from palpate.analysis.documents import drawing
+
+        drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}
         aside, stages = found.flow()
         flow = drawing.flow(found.heading, f"Flow of participants on {found.day}: {found.title}", aside, stages)
         options.put_file(figure, drawn[figure.suffix.lower()](flow))
@@ -425,7 +425,6 @@ def status_of(study: Path) -> "Status":
     """
     from dataclasses import replace
 
-    from palpate.analysis.reading import dataset as reading
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.dataset import status as statuses
     from palpate.experiment.dataset import tables
@@ -440,6 +439,8 @@ def status_of(study: Path) -> "Status":
         return replace(found, excluded=None)
     if not done:
         return found
+    from palpate.analysis.reading import dataset as reading
+
     try:
         tables.check_tables(found.root)
         whole = [one for one in reading.read(found.root).exclusions if one.trial is None and one.participant in done]
