@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -143,12 +144,19 @@ OKAMOTO2012 = Path(__file__).parents[3] / "protocols" / "okamoto2012.toml"
 Where = tuple[str | int, ...]
 
 
+@cache
+def _tables(text: str) -> dict[str, Any]:
+    """A text is parsed once, for parsing takes longer than most tests; each caller has tables of its own."""
+    return tomllib.loads(text)
+
+
 def document() -> dict[str, Any]:
     """The small protocol as tables, arrays as tuples."""
-    tables: dict[str, Any] = with_tuples(tomllib.loads(SMALL))
+    tables: dict[str, Any] = with_tuples(_tables(SMALL))
     return tables
 
 
+@cache
 def protocol() -> Protocol:
     """The small protocol."""
     return ProtocolFile.model_validate(document())
@@ -156,7 +164,7 @@ def protocol() -> Protocol:
 
 def okamoto2012() -> dict[str, Any]:
     """The published study as tables, arrays as tuples."""
-    tables: dict[str, Any] = with_tuples(tomllib.loads(OKAMOTO2012.read_text(encoding="utf-8")))
+    tables: dict[str, Any] = with_tuples(_tables(OKAMOTO2012.read_text(encoding="utf-8")))
     return tables
 
 
