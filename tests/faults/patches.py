@@ -300,7 +300,7 @@ PATCHES = (
         "foreign journal believed",
         "experiment/dataset/checks.py",
         "def _foreign(path: Path, got: str, allowed: str) -> DatasetError:\n",
-        "def _check_header(path: Path, header: Header, study: _Study) -> None:\n    return\n\n\n"
+        "def _check_header(path: Path, header: Header, study: Dataset) -> None:\n    return\n\n\n"
         "def _foreign(path: Path, got: str, allowed: str) -> DatasetError:\n",
         ("campaign:journals",),
     ),

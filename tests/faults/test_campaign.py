@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,7 +26,14 @@ def test_every_fault_is_survived(part: str) -> None:
 
 @pytest.mark.parametrize("patch", PATCHES, ids=[patch.name for patch in PATCHES])
 def test_a_planted_fault_fits_the_source_as_it_is(patch: Patch, repository_root: Path) -> None:
-    assert (repository_root / patch.file).read_text("utf-8").count(patch.old) == 1
+    source = (repository_root / patch.file).read_text("utf-8")
+    assert source.count(patch.old) == 1
+    # A name that is gone would fail in a test of anything, and so be caught by none that makes the promise.
+    undefined = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "F821", "-"]
+    patched = source.replace(patch.old, patch.new).encode()
+    assert (
+        subprocess.run(undefined, input=patched, cwd=repository_root, check=False, capture_output=True).returncode == 0
+    )
 
 
 def test_ctrl_c_is_tried_at_the_start_of_every_command() -> None:
