@@ -115,7 +115,7 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
                 "a study that prints both; choose another --model"
             )
         rows: dict[str, tuple[Floats, float]] = {}
-        for shown in protocol.presented(task):
+        for shown in protocol.materials_of(task):
             try:
                 row = [cells[task.id, shown, said] for said in ids]
             except KeyError as missing:
@@ -161,7 +161,7 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
         columns = [trials[key].tolist() for key in ("participant", "presented", "answered")]
         answers = confusion(columns[0], columns[1], columns[2], ids)
         rows: dict[str, tuple[Floats, float]] = {}
-        for shown in protocol.presented(task):
+        for shown in protocol.materials_of(task):
             people = answers.n(i := ids.index(shown))
             if people < 2:
                 raise PowerError(
@@ -187,7 +187,7 @@ def stated(file: Path, protocol: Protocol) -> ChoiceModel:
     """
     model = load.read(file, Stated)
     ids = [material.id for material in protocol.materials]
-    wanted = [(task.id, shown) for task in protocol.tasks for shown in protocol.presented(task)]
+    wanted = [(task.id, shown) for task in protocol.tasks for shown in protocol.materials_of(task)]
     found = [(row.task, row.presented) for row in model.rows]
     if strange := [row for row in found if row not in wanted or found.count(row) > 1]:
         raise PowerError(
@@ -205,7 +205,7 @@ def stated(file: Path, protocol: Protocol) -> ChoiceModel:
     tasks = []
     for task in protocol.tasks:
         own: dict[str, tuple[Floats, float]] = {}
-        for shown in protocol.presented(task):
+        for shown in protocol.materials_of(task):
             row = rows[task.id, shown]
             left = 1 - sum(row.answers)
             shares = np.array([*row.answers, left if left >= ROUNDING else 0.0])

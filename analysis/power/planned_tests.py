@@ -139,7 +139,7 @@ def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: floa
     materials = tuple(material.id for material in protocol.materials)
     changed = {} if alpha is None else {"alpha": alpha}
     tests = tuple(test.model_copy(update=changed) for test in protocol.analysis)
-    of = {task.id: protocol.presented(task) for task in protocol.tasks}
+    of = {task.id: protocol.materials_of(task) for task in protocol.tasks}
     known = {task: pair for task, pair in pairs.items() if set(pair) <= set(of.get(task, ()))}
     return Design(materials, protocol.tasks, protocol.study.participants, tests, known)
 

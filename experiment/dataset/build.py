@@ -36,7 +36,7 @@ Cells = Mapping[str, object]
 
 
 def _materials(protocol: Protocol, task: Task) -> str:
-    count = len(protocol.presented(task))
+    count = len(protocol.materials_of(task))
     return f"{count} material{'s' if count != 1 else ''}"
 
 

@@ -368,7 +368,7 @@ def _check_header(path: Path, header: Header, study: Dataset) -> None:
     for name, allowed in expected.items():
         if (got := getattr(header, name)) != allowed:
             raise _foreign(path, f"{name} {got}", f"{allowed}, as everywhere in this dataset")
-    seed, presents = study.seed, study.protocol.presented(study.protocol.task(task))
+    seed, presents = study.seed, study.protocol.materials_of(study.protocol.task(task))
     if foreign := sorted({one for trial in header.order for one in trial.presented}.difference(presents)):
         raise _foreign(path, f"trials with {', '.join(foreign)}", f"{', '.join(presents)}, which task {task} presents")
     if header.order != schedule.schedule(protocol=study.protocol, participant=participant, task_id=task, seed=seed):

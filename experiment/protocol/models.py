@@ -428,14 +428,14 @@ class Protocol(Confined):
                 return task
         raise KeyError(task_id)
 
-    def presented(self, task: Task) -> tuple[str, ...]:
+    def materials_of(self, task: Task) -> tuple[str, ...]:
         """Return the ids of the materials that a task presents, in their order."""
         return task.materials or tuple(material.id for material in self.materials)
 
     def presentations(self, task: Task) -> tuple[tuple[str, ...], ...]:
         """Return what a task presents: each of its materials, or every pair of two, without levels one with itself."""
         choose = combinations_with_replacement if task.levels is None else combinations
-        return tuple(choose(self.presented(task), design_of(task.design).intervals))
+        return tuple(choose(self.materials_of(task), design_of(task.design).intervals))
 
     def trials(self, task: Task) -> int:
         """Return how many trials a participant has in a task, at most where it has levels."""

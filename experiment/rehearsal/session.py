@@ -171,7 +171,7 @@ class SimulatedEnds:
         self._panel = panel
         return panel.address
 
-    def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
+    def played(self, materials: dict[str, Basis]) -> dict[str, Basis]:
         if self.job.control != "silence":
             return materials
         return {material: _silenced(basis) for material, basis in materials.items()}

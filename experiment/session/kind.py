@@ -254,7 +254,7 @@ class FarEnds(Protocol):
         """Set the panel up; return where its actuator answers, or None for the address that the rig names."""
         return None
 
-    def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
+    def played(self, materials: dict[str, Basis]) -> dict[str, Basis]:
         """Return what is presented for each material, by its id: itself, unless a rehearsal controls for it."""
         return materials
 

@@ -478,7 +478,7 @@ class _Session:
         self.log.write(entries.Phase(state=self._state))
         begun_ns = clock.now_ns()
         lasted_s, handled = 0.0, Counter[str]()
-        shown = self.protocol.presented(self._task)
+        shown = self.protocol.materials_of(self._task)
         names = {one.key: one.id for one in self.protocol.materials if one.key and one.id in shown}
         while True:
             counts = {key: f"{name} ({handled[key]})" for key, name in names.items()}

@@ -24,7 +24,7 @@ def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
 DATASET = DatasetKind(
     _cells,
     lambda protocol, task: (
-        f"{len(protocol.presentations(task))} pairs of {len(protocol.presented(task))} materials, compared by their "
+        f"{len(protocol.presentations(task))} pairs of {len(protocol.materials_of(task))} materials, compared by their "
         f"{protocol.table(Comparison).quality}"
     ),
     lambda protocol: {answer: ANSWERS[answer] for answer in protocol.table(Comparison).answers.values()},

@@ -134,7 +134,7 @@ def _prepared(planned: scene.Scene, sitting: Sitting, recordings: Path, ends: Fa
     from palpate.experiment.apparatus.panel.conditioning import open_drive
 
     protocol, rig = sitting.protocol, sitting.rig
-    materials = ends.presented(
+    materials = ends.played(
         scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rig.actuator.rate_hz)
     )
     folder, limit_m_s2 = sitting.rig_file.parent, protocol.exposure.vibration_peak_m_s2
@@ -469,7 +469,7 @@ def _link(counts: LinkCounts) -> Link:
 
 def _recorded(protocol: Protocol, tasks: Sequence[Task]) -> set[str]:
     probe = protocol.masker.probe
-    wanted = {material for task in tasks for material in protocol.presented(task)}
+    wanted = {material for task in tasks for material in protocol.materials_of(task)}
     return wanted | {probe.material for task in tasks if probe is not None and task.masker != "none"}
 
 
