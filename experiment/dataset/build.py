@@ -15,6 +15,7 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.checks import Dataset, Each, load_sound
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records import entries, journal, software
 from palpate.experiment.records.events import NO_ANSWER
@@ -35,23 +36,16 @@ Cells = Mapping[str, object]
 """Column -> what stands in a row."""
 
 
-def _materials(protocol: Protocol, task: Task) -> str:
-    count = len(protocol.materials_of(task))
-    return f"{count} material{'s' if count != 1 else ''}"
-
-
 @dataclass(frozen=True)
 class DatasetKind:
     """A kind of trial in a dataset.
 
     `cells` yields each outcome of a journal, at this path, that has a row, with the cells that are the kind's own.
-    `presented` is what a task presents, in words, and `answers` what each answer names that is no material. `write`
-    gets dataset, journal, its contents, raw frames of its outcomes and the origin, and writes what is beside the table.
+    `write` gets dataset, journal, its contents, raw frames of its outcomes and the origin, and writes what is beside
+    the table.
     """
 
     cells: Callable[[Path, journal.Contents], Iterator[tuple[entries.Outcome, Cells]]]
-    presented: Callable[[Protocol, Task], str] = _materials
-    answers: Callable[[Protocol], Mapping[str, str]] = lambda _: {}
     write: Callable[[Path, Path, journal.Contents, Sequence[bytes], bids.Origin], None] = lambda *_: None
 
 
@@ -219,11 +213,11 @@ def raw_frames(journal_file: Path, outcomes: Iterable[entries.Outcome]) -> list[
 
 
 def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:
-    kind = kind_of(task)
+    design = design_of(task.design)
     return bids.TaskText(
         id=task.id,
         title=task.title,
-        description=f"{task.title}. {kind.presented(protocol, task)}, {task.repetitions} trials each.",
+        description=f"{task.title}. {design.presents(protocol, task)}, {task.repetitions} trials each.",
         instructions=task.instruction,
         materials={m.id: m.description for m in protocol.materials},
         presented=task.materials,
@@ -232,5 +226,5 @@ def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: 
         session_id=session_id,
         kind=task.kind,
         design=task.design,
-        answers=kind.answers(protocol),
+        answers=design.named(protocol),
     )

@@ -201,7 +201,7 @@ class Attempts:
             self._take(remark)
 
     def _ask(self, planned: PlannedTrial, attempt: int, answerable_ns: int) -> Event:
-        console, spoken, answers = self.devices.console, self.protocol.answers, self.kind.answers(planned)
+        console, spoken, answers = self.devices.console, self.protocol.answers, self.remarks.lent.answers(planned)
         if reason := self.limits.skipped():
             return self._put_off(planned, attempt, reason)
         others = {

@@ -24,6 +24,7 @@ from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Measured
 from palpate.experiment.desk.questions import Arm, Console, Notice
 from palpate.experiment.errors import PalpateError
+from palpate.experiment.protocol.designs import Meaning, design_of
 from palpate.experiment.protocol.models import Protocol as StudyProtocol
 from palpate.experiment.protocol.models import Task
 from palpate.experiment.records.entries import Entry, Header, PlannedTrial, Trace
@@ -100,14 +101,6 @@ def nothing_more(why: str) -> str:
 
 
 @dataclass(frozen=True)
-class Meaning:
-    """What an answer key stands for: what goes on record, and the words for the experimenter."""
-
-    answer: str
-    words: str
-
-
-@dataclass(frozen=True)
 class Seen:
     """What a session needs to know of one attempt, once its device's frames are on disk.
 
@@ -145,10 +138,6 @@ class Kind(Protocol):
         Raises `PalpateError` if a part failed before anything can have been felt; later failures come with what was
         seen.
         """
-
-    @abstractmethod
-    def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:
-        """Return what each answer key stands for in this trial."""
 
     @property
     def keys(self) -> Mapping[str, str]:
@@ -212,6 +201,11 @@ class Lent:
     clock: Clock
     log: Log
     limits: Limits
+
+    def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:
+        """Return what each answer key stands for in a trial."""
+        task = self.protocol.task(self.header.task)
+        return design_of(task.design).answers(self.protocol, planned.presented if task.stimulus == "real" else ())
 
     def show(self, text: str) -> None:
         """Show the experimenter a line."""

@@ -104,7 +104,7 @@ class Remarks:
     def _correct(self, asked: Correct) -> tuple[bool, str]:
         done = self.lent.log.done
         planned = next(one for one in done.header.order if one.trial == asked.trial)
-        meanings = {key: meaning.answer for key, meaning in self.kind.answers(planned).items()}
+        meanings = {key: meaning.answer for key, meaning in self.lent.answers(planned).items()}
         answers: dict[str, str | None] = {**meanings, self.lent.protocol.answers.no_answer_key: None}
         if asked.key not in answers:
             allowed = " ".join(answers)

@@ -35,6 +35,14 @@ class PlannableTest:
     since: int = 2
 
 
+@dataclass(frozen=True)
+class Meaning:
+    """What an answer key stands for: what goes on record, and the words for the experimenter."""
+
+    answer: str
+    words: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class ProtocolDesign:
     """A design. What is called with a protocol gets models, the rest plain tables.
@@ -44,6 +52,9 @@ class ProtocolDesign:
         intervals: how many materials one trial presents.
         tests: the tests that it offers to be planned, by name.
         rules: what a file breaks, beyond what every file must keep.
+        answers: what each answer key stands for in a trial; of one that is laid out, with what lies there in order.
+        named: what each answer names that is no material, as a dataset says it.
+        presents: what a task presents, as a dataset says it.
         right: whether an answer is right, to what was presented in this order.
         shown: the answers that the participant's screen names.
         keys: places of keys that must be unlike all others, each with its key.
@@ -53,6 +64,9 @@ class ProtocolDesign:
     intervals: int
     tests: Mapping[str, PlannableTest]
     rules: Callable[[Table], Iterator[Broken]]
+    answers: Callable[[Any, Sequence[str]], Mapping[str, Meaning]]
+    named: Callable[[Any], Mapping[str, str]] = lambda _: {}
+    presents: Callable[[Any, Any], str]
     right: Callable[[Any, Sequence[str], str], bool]
     shown: Callable[[Any], tuple[str, ...]]
     keys: Callable[[Table], Sequence[tuple[tuple[str, ...], object]]] = lambda _: ()

@@ -2,14 +2,17 @@
 
 from collections.abc import Iterator, Sequence
 
-from palpate.experiment.protocol.designs import PlannableTest, ProtocolDesign
+from palpate.experiment.protocol.designs import Meaning, PlannableTest, ProtocolDesign
 from palpate.experiment.protocol.kinds import number_at, table_at, tables_at
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.settings.load import Broken, Confined, Key, Name, Table
 
 FIRST, SECOND, TIE = "first", "second", "tie"
 WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
 """What an answer names: the material presented first, the one presented second, or neither."""
+
+NAMED = {FIRST: "the material presented first", SECOND: "the one presented second", TIE: "neither of the two"}
+"""The same, as the sidecar of a dataset tells it."""
 
 TESTS = dict.fromkeys(("Bradley-Terry", "Thurstone", "Davidson"), PlannableTest())
 """The planned tests."""
@@ -77,12 +80,27 @@ def _right(protocol: Protocol, presented: Sequence[str], answered: str) -> bool:
     return answered == (FIRST if first > second else SECOND if first < second else None)
 
 
+def _answers(protocol: Protocol, laid_out: Sequence[str]) -> dict[str, Meaning]:
+    # Whoever laid the samples out knows which one is which.
+    lies = {answer: f" ({one})" for answer, one in zip((FIRST, SECOND), laid_out, strict=False)}
+    keys = protocol.table(Comparison).answers
+    return {key: Meaning(one, f"{WORDS[one]}{lies.get(one, '')}") for key, one in keys.items()}
+
+
+def _presents(protocol: Protocol, task: Task) -> str:
+    pairs, count = len(protocol.presentations(task)), len(protocol.materials_of(task))
+    return f"{pairs} pairs of {count} materials, compared by their {protocol.table(Comparison).quality}"
+
+
 DESIGN = ProtocolDesign(
     table=Comparison,
     intervals=2,
     tests=TESTS,
     rules=_rules,
     keys=_keys,
+    answers=_answers,
+    named=lambda protocol: {answer: NAMED[answer] for answer in protocol.table(Comparison).answers.values()},
+    presents=_presents,
     right=_right,
     shown=lambda protocol: tuple(protocol.table(Comparison).answers.values()),
 )

@@ -1,9 +1,10 @@
 """Identification in a protocol: a trial presents one material, which participants name."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from palpate.experiment.protocol.designs import SEVERAL, TWO, PlannableTest, ProtocolDesign
+from palpate.experiment.protocol.designs import SEVERAL, TWO, Meaning, PlannableTest, ProtocolDesign
 from palpate.experiment.protocol.kinds import table_at, tables_at
+from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.settings.load import Broken, Table
 
 CHOSEN, HOLM = {"materials": 6}, {"correction": 6}
@@ -42,10 +43,26 @@ def _rules(table: Table) -> Iterator[Broken]:
             yield Broken(("task_order", "kind"), "counterbalanced: without it nobody does the tasks in another order")
 
 
+def _answers(protocol: Protocol, _: Sequence[str]) -> dict[str, Meaning]:
+    # The rules give every material its key.
+    return {one.key or "": Meaning(one.id, _spoken(one.id, one.spoken[0])) for one in protocol.materials}
+
+
+def _spoken(material: str, said: str) -> str:
+    return material if said == material else f"{material} ('{said}')"
+
+
+def _presents(protocol: Protocol, task: Task) -> str:
+    count = len(protocol.materials_of(task))
+    return f"{count} material{'s' if count != 1 else ''}"
+
+
 DESIGN = ProtocolDesign(
     intervals=1,
     tests=TESTS,
     rules=_rules,
+    answers=_answers,
+    presents=_presents,
     right=lambda _, presented, answered: answered == presented[0],
     shown=lambda protocol: tuple(material.spoken[0] for material in protocol.materials),
 )

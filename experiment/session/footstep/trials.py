@@ -36,7 +36,6 @@ from palpate.experiment.session.kind import (
     FarEnds,
     Kind,
     Lent,
-    Meaning,
     Seen,
     SessionKind,
     Sitting,
@@ -164,8 +163,6 @@ class Footsteps(Kind):
         self._clock = clock
         self._log = lent.log
         self._limits = limits
-        # The protocol's rules give every material of a footstep its key.
-        self._answers = {m.key or "": Meaning(m.id, _spoken(m.id, m.spoken[0])) for m in protocol.materials}
         self._watch = Watch(
             feed=Feed(devices.tracker, simulated_time=clock.simulated),
             scrutiny=devices.scrutiny,
@@ -287,10 +284,6 @@ class Footsteps(Kind):
             self._clock.sleep_ns(LOOK_NS)
         return True
 
-    def answers(self, planned: PlannedTrial) -> dict[str, Meaning]:  # noqa: ARG002
-        """Return the materials of the study by their keys; in every trial the same."""
-        return self._answers
-
     def measured(self) -> Measured:
         """Return the foot's height in the last seconds, mm, and how the last step went."""
         gone = self._silent or getattr(self._devices.tracker, "gone", False)
@@ -405,10 +398,6 @@ def _sampled(newest: tuple[tuple[int, float], ...]) -> tuple[float, ...]:
     last_us = newest[-1][0]
     by_age = {(last_us - us) // TRACE_US: mm for us, mm in newest if 0 <= last_us - us < TRACE_S * 1e6}
     return tuple(round(by_age[age], 1) for age in sorted(by_age, reverse=True))
-
-
-def _spoken(material: str, said: str) -> str:
-    return material if said == material else f"{material} ('{said}')"
 
 
 def _reclocked(clock: ClockMap, step: WatchedStep | BrokenStep) -> WatchedStep | BrokenStep:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from datetime import date
@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.desk.questions import Place
-from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, Comparison
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import PairLaidOut
-from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen, SessionKind, Sitting
+from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Seen, SessionKind, Sitting
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
@@ -59,15 +58,6 @@ class Comparisons(Kind):
         if laid is None:
             raise RuntimeError("no pair is watched before it was laid out")
         return Seen(laid, answerable_ns=laid.laid_ns)
-
-    def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:
-        """Return what each key names: the first or the second sample of this pair, or neither."""
-        first, second = planned.presented
-        words = {FIRST: f"the first ({first})", SECOND: f"the second ({second})"}
-        return {
-            key: Meaning(one, words.get(one, "neither"))
-            for key, one in self.lent.protocol.table(Comparison).answers.items()
-        }
 
 
 def _recorded(protocol: Protocol, tasks: Sequence[Task]) -> set[str]:  # noqa: ARG001

@@ -22,12 +22,11 @@ from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import day
 from palpate.experiment.desk.messages import Lamp, Measured
 from palpate.experiment.errors import PalpateError, RigError, TrackerStopped
-from palpate.experiment.protocol.designs.comparison import WORDS, Comparison
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import Changed, PairLaidOut, Place
-from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Sitting
+from palpate.experiment.session.kind import FarEnds, Kind, Lent, Seen, Sitting
 from palpate.experiment.session.tapping.taps import Lying, Taps
 from palpate.experiment.synthesis import tap
 from palpate.experiment.synthesis.contact.block import Block
@@ -194,10 +193,6 @@ class VirtualSurfaces(Kind):
         self.taps.touched.clear()
         self._lay(self._pair, 0)
         return Seen(self._pair, answerable_ns=self._pair.laid_ns)
-
-    def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:  # noqa: ARG002
-        """Return what each key names; which surface is which, nobody at the desk has to know."""
-        return {key: Meaning(one, WORDS[one]) for key, one in self.lent.protocol.table(Comparison).answers.items()}
 
     @property
     def keys(self) -> Mapping[str, str]:

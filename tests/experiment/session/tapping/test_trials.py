@@ -10,12 +10,13 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.messages import Correct, Measured, Repeat
+from palpate.experiment.protocol.designs import Meaning
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import transcript
 from palpate.experiment.records.entries import Answer, Armed, Correction, Redo
 from palpate.experiment.records.kinds.tapping import PairLaidOut
 from palpate.experiment.records.progress import progress
-from palpate.experiment.session.kind import Lent, Log, Meaning
+from palpate.experiment.session.kind import Lent, Log
 from palpate.experiment.session.tapping.trials import Comparisons
 from tests.approved import Refuses
 from tests.experiment.protocol.tapping import protocol
@@ -54,11 +55,11 @@ def test_what_is_on_record_of_a_trial_and_from_when_its_answer_is_timed(tmp_path
 
 
 def test_a_key_means_a_place_and_says_which_sample_lies_there() -> None:
-    assert kind(protocol()).answers(ORDER[0]) == {
+    assert kind(protocol()).lent.answers(ORDER[0]) == {
         "1": Meaning("first", "the first (felt)"),
         "2": Meaning("second", "the second (tin)"),
     }
-    assert kind(protocol(tie_key="3")).answers(ORDER[0])["3"] == Meaning("tie", "neither")
+    assert kind(protocol(tie_key="3")).lent.answers(ORDER[0])["3"] == Meaning("tie", "neither")
 
 
 def test_nothing_is_measured_and_no_device_waited_for() -> None:
