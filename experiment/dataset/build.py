@@ -102,7 +102,10 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         for who, first in first_tasks.items()
     ]
     simulated = origin in ("PRACTICE", "REHEARSAL")
-    readmes = tomllib.loads(Path(__file__).with_name("kinds").joinpath("readme.toml").read_text("utf-8"))
+    of_kind, folder = f"{protocol.tasks[0].kind}.toml", Path(__file__).with_name("kinds")
+    readme: dict[str, str] = {}
+    for path in filter(Path.exists, (folder / "readme.toml", folder / of_kind)):
+        readme |= tomllib.loads(path.read_text("utf-8"))
     text = bids.DatasetText(
         study=protocol.study.id,
         name=protocol.study.title,
@@ -111,7 +114,7 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         authors=("palpate, simulated",) if simulated else ("The laboratory named in the protocol",),
         tasks=tuple(task.id for task in protocol.tasks),
         references=(protocol.study.source,),
-        readme=(readmes["all"] | readmes.get(protocol.tasks[0].kind, {}))[origin],
+        readme=readme[origin],
         software=software.this(),
     )
     return bids.participants(root, people, origin=origin) | bids.description(root, text)

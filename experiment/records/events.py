@@ -15,10 +15,12 @@ Columns = Mapping[str, Mapping[str, object]]
 
 @cache
 def columns_of(kind: str) -> Columns:
-    """Return the columns of one kind, as events.json and sidecars describe them.
+    """Return the columns of one kind, as a file of its name in `kinds/` and sidecars describe them.
 
-    `further` are absent where a session does not know them, `imported` replace descriptions of imported answers, and
-    `participants` are those of `participants.tsv`. Another kind's name as a description stands for its description.
+    In events.json `further` are absent where a session does not know them, `imported` replace descriptions of imported
+    answers, and `participants` are those of `participants.tsv`. `all` has what a text `all` stands for.
     """
-    known: dict[str, dict[str, Any]] = json.loads(Path(__file__).with_suffix(".json").read_text("utf-8"))
-    return {name: known[text][name] if isinstance(text, str) else text for name, text in known[kind].items()}
+    place = Path(__file__)
+    known: dict[str, dict[str, Any]] = json.loads(place.with_suffix(".json").read_text("utf-8"))
+    own = known.get(kind) or json.loads((place.parent / "kinds" / f"{kind}.json").read_text("utf-8"))
+    return {name: known[text][name] if isinstance(text, str) else text for name, text in own.items()}
