@@ -22,8 +22,9 @@ DICTIONARY = "data_dictionary.csv"
 
 
 def columns_of(design: str) -> dict[str, dict[str, tuple[str, str]]]:
-    """Return the columns of the files of a design, as in export_columns.json; `wide.csv` has one more a cell."""
-    known: dict[str, Any] = json.loads(Path(__file__).with_name("export_columns.json").read_text("utf-8"))[design]
+    """Return the columns of the files of a design, from its JSON file in `designs/`; `wide.csv` has one more a cell."""
+    file = Path(__file__).with_name("designs") / f"{design}.json"
+    known: dict[str, Any] = json.loads(file.read_text("utf-8"))
     return known
 
 

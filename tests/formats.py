@@ -120,8 +120,7 @@ def _results() -> Description:
                 "results.json": _shape(json.loads((out / "results.json").read_text("utf-8"))),
                 "tables": headings,
             }
-    columns = json.loads(Path(export.__file__).with_name("export_columns.json").read_text("utf-8"))
-    exported = {design: {name: list(table) for name, table in tables.items()} for design, tables in columns.items()}
+    exported = {design: {name: list(table) for name, table in export.columns_of(design).items()} for design in datasets}
     return {**found, "export": exported}
 
 

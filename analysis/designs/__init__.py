@@ -47,7 +47,7 @@ class AnalysisDesign:
     methods: Callable[[], tuple[tuple[str, str], ...]]
     """Names and formulas, in the order of the report."""
     export: Callable[[Study, pd.DataFrame, pd.DataFrame], tuple[Mapping[str, pd.DataFrame], Described]]
-    """Study, attempts, what was left out -> exported tables by file, and columns that `export_columns.json` lacks."""
+    """Study, attempts, what was left out -> exported tables by file, and columns that the file of its name lacks."""
     figures: str
     """The module whose `sheets` draws results."""
     power: str

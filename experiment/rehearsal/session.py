@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,6 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import ManualClock, MonotonicClock
 from palpate.experiment.desk.questions import Console
@@ -32,7 +32,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings.manifest import MANIFEST
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose
-from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind
+from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind, stepping
 from palpate.experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
 from palpate.experiment.rehearsal.voice import Speaker
 from palpate.experiment.rehearsal.wires.foot import Foot
@@ -196,7 +196,8 @@ class SimulatedEnds:
     def tracker(self, opened: ExitStack) -> tuple[str, ClockMap | None]:
         line = opened.enter_context(SerialLine())
         self._powered_ns = self.clock.now_ns()
-        self._foot = foot(line, self.rig, real_time=self.real_time, taps=self.protocol.gate is None)
+        moves = rehearsal_kind(self.protocol.task(self.task_id)).moves
+        self._foot = moves(line, self.rig, real_time=self.real_time)
         opened.callback(self._foot.close)
         # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
         return line.url, None if self.real_time else ClockMap(anchor_us=0, anchor_ns=self._powered_ns)
@@ -249,24 +250,14 @@ def _study(kept: Path, rig_file: Path, *_contents: bytes) -> tuple[Protocol, rig
     return files.load(kept), rigs.load(rig_file)
 
 
-def foot(line: SerialLine, rig: rigs.Rig, *, real_time: bool, taps: bool) -> Foot:
-    """Return what moves before a simulated rig's tracker: a foot, or a hand that taps."""
-    tracker = tracker_of(rig)
-    if not taps:
-        return Foot(line, tracker, real_time=real_time)
-    from palpate.experiment.rehearsal.tapping import hand
-
-    noise_mm, tick_s = tracker.noise_mm or 0.0, 1 / tracker.rate_hz
-    return Foot(line, tracker, real_time=real_time, rest_mm=hand.REST_MM, noise_mm=noise_mm, tick_s=tick_s)
-
-
 def simulated_far_ends(rig: rigs.Rig, opened: ExitStack) -> SimulatedPorts:
     """Start what stands at the far ends of a simulated rig, closed with `opened`: foot, panel, forces, sound card."""
 
     port = address = None
     if rig.tracker is not None:
         line = opened.enter_context(SerialLine())
-        opened.callback(foot(line, rig, real_time=True, taps=rig.servo is not None).close)
+        moves = stepping if rig.servo is None else import_module("palpate.experiment.rehearsal.tapping.hand").moves
+        opened.callback(moves(line, rig, real_time=True).close)
         port = line.url
     if rig.actuator.driver == "pcm-tcp":
         panel = Panel(rig.actuator)

@@ -24,10 +24,8 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.records.progress import progress
-from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.rehearsal.kind import rehearsal_kind
 from palpate.experiment.rehearsal.session import PANEL_FILE, Job, rehearse_at_once, rehearse_participant, run_task
-from palpate.experiment.session import scene
 from palpate.experiment.session.remarks import paused
 from palpate.experiment.session.visit import visit_steps, walk
 from palpate.experiment.study.schedule import allocate, find_allocation
@@ -307,8 +305,7 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path, panel:
             if panel is not None:
                 storage.create(kept.with_name(PANEL_FILE), panel)
             protocol = files.load(kept)
-            if scene.virtual(protocol).synthesis:
-                recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
+            rehearsal_kind(protocol.tasks[0]).prepare(partial, protocol, plan.seed)
             storage.write_json(storage.plan_path(partial), plan.model_dump())
         made = True
         yield

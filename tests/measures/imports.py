@@ -101,6 +101,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     ),
     "identification": (
         "analysis/identification",
+        "analysis/designs/identification.json",
         "analysis/designs/identification.py",
         *(
             f"analysis/report/{name}.py"
@@ -116,6 +117,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     ),
     "comparison": (
         "analysis/designs/comparison",
+        "analysis/designs/comparison.json",
         "experiment/protocol/designs/comparison.py",
         "experiment/protocol/page/comparison.py",
     ),

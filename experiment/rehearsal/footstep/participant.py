@@ -9,6 +9,7 @@ probability falls exponentially with dissimilarity. The parameters are the same 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,14 @@ from palpate.experiment.desk.questions import Arm, Place, Question, Reply, Rest,
 from palpate.experiment.errors import SessionError, SynthesisError, TrackerError
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, generic
+from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, generic, make_recordings
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
 from palpate.experiment.rehearsal.voice import Speaker
 from palpate.experiment.rehearsal.wires.foot import Foot, Hesitation
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
+from palpate.experiment.session import scene
+from palpate.experiment.storage import RECORDINGS
 from palpate.experiment.synthesis.spectra import spectrum
 
 NOTICEABLE = 10 ** (2.5 / 20)
@@ -326,4 +329,12 @@ def _person(parts: Parts, *, protocol: Protocol, **everybody: Any) -> SimulatedP
     )
 
 
-REHEARSAL = RehearsalKind(person=_person, generic=generic, lacks_nothing=lambda rig, _: tracker_of(rig))
+def _prepare(dataset: Path, protocol: Protocol, seed: int) -> None:
+    """Write recordings into a new dataset where its stimuli are made from them."""
+    if scene.virtual(protocol).synthesis:
+        make_recordings(dataset / RECORDINGS, protocol=protocol, seed=seed)
+
+
+REHEARSAL = RehearsalKind(
+    person=_person, generic=generic, lacks_nothing=lambda rig, _: tracker_of(rig), prepare=_prepare
+)

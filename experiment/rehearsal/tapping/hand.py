@@ -7,7 +7,9 @@ force does not push it. Speeds are ours, mostly below the 175 mm/s of Wellman an
 
 import numpy as np
 
-from palpate.experiment.rehearsal.wires.foot import Trajectory, progress
+from palpate.experiment.apparatus.rig import Rig, tracker_of
+from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory, progress
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 
 REST_MM = 8.0
 """Where the hand waits above the face, mm. Ours."""
@@ -52,3 +54,10 @@ def tap(rng: np.random.Generator, speed_mm_s: float | None = None) -> Trajectory
         noise_seed=noise_seed,
         along_mm=slides_mm * (there - back),
     )
+
+
+def moves(line: SerialLine, rig: Rig, *, real_time: bool) -> Foot:
+    """Return a hand at rest, at the far end of a line of a simulated rig's tracker."""
+    tracker = tracker_of(rig)
+    noise_mm, tick_s = tracker.noise_mm or 0.0, 1 / tracker.rate_hz
+    return Foot(line, tracker, real_time=real_time, rest_mm=REST_MM, noise_mm=noise_mm, tick_s=tick_s)

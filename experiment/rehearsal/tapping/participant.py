@@ -167,4 +167,6 @@ def _lacks_nothing(rig: Rig, protocol: Protocol) -> None:
         servo_of(rig)
 
 
-REHEARSAL = RehearsalKind(person=_person, generic=surfaces.generic, rig=_rig, lacks_nothing=_lacks_nothing)
+REHEARSAL = RehearsalKind(
+    person=_person, generic=surfaces.generic, rig=_rig, lacks_nothing=_lacks_nothing, moves=hand.moves
+)
