@@ -120,6 +120,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "analysis/designs/comparison.json",
         "experiment/protocol/designs/comparison.py",
         "experiment/protocol/page/comparison.py",
+        "experiment/rehearsal/designs/comparison.py",
     ),
     "audit": ("analysis/audit", "analysis/published/paper.py"),
     "power": ("analysis/power",),

@@ -1,10 +1,9 @@
 """A simulated participant, behind the console's port, with a simulated experimenter at the keys or a real one.
 
 It steps with a foot at the tracker's port, feels what the panel received, and answers with a key. Its `Observer`
-answers from the vibration alone: before a task it remembers each real material's spectra at several speeds. In a trial
-it compares by equation (6) of Okamoto et al., and answers by the similarity-choice rule (Shepard 1957, Luce 1963):
-probability falls exponentially with dissimilarity. The parameters are the same for all materials
-(`experiment/decisions.md`).
+feels by the vibration alone: before a task it remembers each real material's spectra at several speeds. In a trial it
+compares by equation (6) of Okamoto et al., and the similarity that `designs` judges by falls with dissimilarity. The
+parameters are the same for all materials (`experiment/decisions.md`).
 """
 
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from palpate.experiment.desk.questions import Arm, Place, Question, Reply, Rest,
 from palpate.experiment.errors import SessionError, SynthesisError, TrackerError
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.rehearsal.designs import Percept, judge_of
 from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, generic, make_recordings
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
@@ -89,7 +89,7 @@ def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0
 
 
 class Observer:
-    """The touch of a simulated participant, whom `rng` sets apart from others; it answers one of `material_ids`."""
+    """The touch of a simulated participant, whom `rng` sets apart from others; it knows these `material_ids`."""
 
     def __init__(self, materials: SimulatedMaterials, material_ids: Sequence[str], *, rng: np.random.Generator) -> None:
         self._materials = materials
@@ -113,37 +113,35 @@ class Observer:
         shape = (1 + len(self._ids), len(FAMILIAR_SPEEDS_MM_S), self._bands.bins.size)
         self._remembered = np.reshape(remembered, shape)
 
-    def judge_real(self, take: NDArray[np.float64], *, speed_mm_s: float, rng: np.random.Generator) -> str:
-        """Return the material that a real cylinder is judged to be; `rng` draws this answer.
+    def feel_real(self, take: NDArray[np.float64], *, speed_mm_s: float) -> Percept:
+        """Return what a real cylinder feels like.
 
         `take` is the panel's acceleration, m/s^2, shape (n,), at the materials' rate. Raises `SessionError` unless
         familiarized.
         """
-        return self._answer(self._felt(take), speed_mm_s=speed_mm_s, sensitivity=self._sensitivity, rng=rng)
+        return self._compared(self._felt(take), speed_mm_s=speed_mm_s, sensitivity=self._sensitivity)
 
-    def judge_virtual(
+    def feel_virtual(
         self,
         panel_take: NDArray[np.float64],
         delivered: NDArray[np.float64] | None,
         *,
         rate_hz: int,
         speed_mm_s: float,
-        rng: np.random.Generator,
-    ) -> str:
-        """Return the material that a virtual stimulus is judged to be, felt together with the bare panel.
+    ) -> Percept:
+        """Return what a virtual stimulus feels like, together with the bare panel.
 
-        `panel_take` is as in `judge_real`; `delivered` is what the actuator added from contact on, m/s^2, shape (m,),
-        at `rate_hz`, None for nothing; samples that are not numbers move nothing. Raises as `judge_real`.
+        `panel_take` is as in `feel_real`; `delivered` is what the actuator added from contact on, m/s^2, shape (m,), at
+        `rate_hz`, None for nothing; samples that are not numbers move nothing. Raises as `feel_real`.
         """
         coefficients = self._coefficients(panel_take, self._materials.rate_hz)
         if delivered is not None:
             moved = np.clip(np.nan_to_num(delivered), -SATURATION_M_S2, SATURATION_M_S2)
             coefficients = coefficients + self._coefficients(moved, rate_hz)
-        return self._answer(
+        return self._compared(
             self._bands.felt(coefficients),
             speed_mm_s=speed_mm_s,
             sensitivity=self._sensitivity * self._concurrence,
-            rng=rng,
         )
 
     def _felt(self, take: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -171,17 +169,14 @@ class Observer:
         between = (1 - part) * self._remembered[:, lower] + part * self._remembered[:, lower + 1]
         return np.maximum(between, 0.0)
 
-    def _answer(
-        self, felt: NDArray[np.float64], *, speed_mm_s: float, sensitivity: float, rng: np.random.Generator
-    ) -> str:
+    def _compared(self, felt: NDArray[np.float64], *, speed_mm_s: float, sensitivity: float) -> Percept:
         panel, *known_materials = self._at_speed(speed_mm_s)
         if self._bands.total(felt) <= NOTICEABLE * self._bands.total(panel):
-            return self._ids[int(rng.integers(len(self._ids)))]
+            return Percept()
         templates = np.array(known_materials)
         scale = self._bands.dissimilarity(templates[:, None], templates[None, :]).max()
         dissimilarities = self._bands.dissimilarity(felt, templates) / scale
-        # The largest of such sums is distributed as the similarity-choice rule (Yellott 1977).
-        return self._ids[int(np.argmax(rng.gumbel(size=len(self._ids)) - sensitivity * dissimilarities))]
+        return Percept(-sensitivity * dissimilarities)
 
 
 FELT_TIMEOUT_S = 2.0
@@ -237,7 +232,6 @@ class SimulatedParticipant(SimulatedPerson):
         self._attempt = 0
         self._lands_later = False
         self._rested = 0
-        self._words = {material.id: material.spoken[0] for material in self.protocol.materials}
         self._spoken_ns = 0
 
     def ask(self, question: Question | Arm) -> Reply:
@@ -297,19 +291,18 @@ class SimulatedParticipant(SimulatedPerson):
         speed_mm_s = self.foot.true_speed_mm_s
         take = self.materials.take(self._under_foot, speed_mm_s=speed_mm_s, rng=rng)
         if self._under_foot is not None:
-            answer = self._observer.judge_real(take, speed_mm_s=speed_mm_s, rng=rng)
+            percept = self._observer.feel_real(take, speed_mm_s=speed_mm_s)
         else:
             timeout_s = FELT_TIMEOUT_S if self.real_time else LATEST_FELT_S
             felt = self.panel.felt(timeout_s) if self.panel is not None else None
-            answer = self._observer.judge_virtual(
-                take, felt, rate_hz=self.actuator_rate_hz, speed_mm_s=speed_mm_s, rng=rng
-            )
+            percept = self._observer.feel_virtual(take, felt, rate_hz=self.actuator_rate_hz, speed_mm_s=speed_mm_s)
+        judged = judge_of(self.protocol.task(self.who[1]))(self.protocol, [percept], rng)
         self.foot.finish()
         spoken_ns = self.powered_ns + int(self.foot.true_contact_us * 1e3) + int(rng.lognormal(*SPEAKS_LOG_S) * 1e9)
         self.clock.sleep_ns(spoken_ns - self.clock.now_ns())
         if self.speaker is not None:
-            self._spoken_ns = self.clock.now_ns() + int(self.speaker.say(self._words[answer]) * 1e9)
-        return next((one.key or "", one.spoken[0]) for one in self.protocol.materials if one.id == answer)
+            self._spoken_ns = self.clock.now_ns() + int(self.speaker.say(judged.words) * 1e9)
+        return judged.key, judged.words
 
 
 def _person(parts: Parts, *, protocol: Protocol, **everybody: Any) -> SimulatedParticipant:

@@ -17,9 +17,9 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.desk.questions import Arm, Place, Question, Reply
 from palpate.experiment.errors import ActuatorError
-from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, TIE, WORDS, Comparison
 from palpate.experiment.protocol.kinds.tapping import Tapping, rendered
 from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.rehearsal.designs import Percept, judge_of
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
 from palpate.experiment.rehearsal.tapping import hand, surfaces
@@ -29,7 +29,6 @@ from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 DISCRIMINATION = 0.25
 SPREAD = 0.3
 LEANING = 0.05
-NEARLY = 0.5
 
 DECIDES_LOG_S = (1.6, 0.35)
 """Mean and sd of log seconds from both samples laid out to the keyed answer: median 5 s, up to twice if alike. Ours."""
@@ -80,7 +79,6 @@ class SimulatedTapper(SimulatedPerson):
         felt_hz = [surfaces.felt_hz(surfaces.rings(hz), surfaces.RATE_HZ) for hz in surfaces.frequencies_hz(names)]
         self._heights = {name: (float(np.log(hz or 1.0)), 1.0) for name, hz in zip(names, felt_hz, strict=True)}
         self._in_table_1 = all(name in surfaces.TABLE_1 for name in names)
-        self._keys = {answer: key for key, answer in self.protocol.table(Comparison).answers.items()}
         self._laid: tuple[str, ...] = ()
         self._times: Counter[int] = Counter()
         self._felt: list[tuple[float, float]] = []
@@ -106,12 +104,13 @@ class SimulatedTapper(SimulatedPerson):
             heights = self._felt[-2:]
             if len(self._felt) % 2 or self._tries_again(heights, rng.random()):
                 return self.protocol.table(Tapping).switch_key, "the other one, please"
-        first, second = (height + error * self._discrimination * rng.normal() for height, error in heights)
-        apart = (first - second) / self._discrimination
-        self.clock.sleep_ns(int(rng.lognormal(*DECIDES_LOG_S) * (1 + np.exp(-abs(apart))) * 1e9))
-        apart += self._leaning / self._discrimination
-        answer = TIE if TIE in self._keys and abs(apart) < NEARLY else FIRST if apart > 0 else SECOND
-        return self._keys[answer], WORDS[answer]
+        felt = [
+            Percept(strength=height, error=error, told_apart=self._discrimination, favour=self._leaning)
+            for height, error in heights
+        ]
+        judged = judge_of(self.protocol.task(self.who[1]))(self.protocol, felt, rng)
+        self.clock.sleep_ns(int(rng.lognormal(*DECIDES_LOG_S) * (1 + np.exp(-abs(judged.apart))) * 1e9))
+        return judged.key, judged.words
 
     def _tries_again(self, heights: list[tuple[float, float]], drawn: float) -> bool:
         """Return whether both are tapped once more."""

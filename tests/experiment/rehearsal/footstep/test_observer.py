@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import SessionError, SynthesisError
+from palpate.experiment.rehearsal.designs import Percept
+from palpate.experiment.rehearsal.designs.identification import judge
 from palpate.experiment.rehearsal.footstep.participant import Observer, third_octaves
 from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, subtract
@@ -40,6 +44,12 @@ def spectra(seed: int) -> list[CrinkleSpectra]:
     ]
 
 
+def answered(felt: Percept, rng: np.random.Generator, ids: Sequence[str] = IDS) -> str:
+    """Return the material that is named in an identification of these."""
+    study = SimpleNamespace(materials=[SimpleNamespace(key=one, spoken=(one,)) for one in ids])
+    return judge(cast("Any", study), [felt], rng).words
+
+
 def foot(rng: np.random.Generator) -> float:
     return float(np.clip(rng.lognormal(np.log(180), 0.3), 80, 350))
 
@@ -54,10 +64,9 @@ def virtual(deliver: Deliver, *, participants: int, seed: int) -> NDArray[np.flo
         for presented in np.repeat(range(4), 10):
             v = foot(rng)
             panel = MATERIALS.take(None, speed_mm_s=v, rng=rng)
-            answer = observer.judge_virtual(
-                panel, deliver(int(presented), v, rng), rate_hz=OUTPUT_HZ, speed_mm_s=v, rng=rng
-            )
-            matrix[presented, IDS.index(answer)] += 1
+            delivered = deliver(int(presented), v, rng)
+            felt = observer.feel_virtual(panel, delivered, rate_hz=OUTPUT_HZ, speed_mm_s=v)
+            matrix[presented, IDS.index(answered(felt, rng))] += 1
     return matrix / (10 * participants)
 
 
@@ -70,7 +79,7 @@ def real(*, participants: int, seed: int) -> NDArray[np.float64]:
         for presented in np.repeat(range(4), 10):
             v = foot(rng)
             take = MATERIALS.take(IDS[presented], speed_mm_s=v, rng=rng)
-            matrix[presented, IDS.index(observer.judge_real(take, speed_mm_s=v, rng=rng))] += 1
+            matrix[presented, IDS.index(answered(observer.feel_real(take, speed_mm_s=v), rng))] += 1
     return matrix / (10 * participants)
 
 
@@ -144,7 +153,7 @@ def one(seed: int = 7) -> Observer:
 def test_the_same_chance_gives_the_same_answers() -> None:
     take = MATERIALS.take("aluminum foil", speed_mm_s=150, rng=np.random.default_rng(1))
     answers = [
-        [one().judge_real(take, speed_mm_s=150, rng=np.random.default_rng(seed)) for seed in range(12)]
+        [answered(one().feel_real(take, speed_mm_s=150), np.random.default_rng(seed)) for seed in range(12)]
         for _ in range(2)
     ]
     assert answers[0] == answers[1]
@@ -160,7 +169,7 @@ def test_the_rate_of_the_actuator_does_not_matter(rate_hz: int) -> None:
     for seed in range(40):
         rng = np.random.default_rng(seed)
         panel = MATERIALS.take(None, speed_mm_s=150, rng=rng)
-        named += observer.judge_virtual(panel, made, rate_hz=rate_hz, speed_mm_s=150, rng=rng) == "copy paper"
+        named += answered(observer.feel_virtual(panel, made, rate_hz=rate_hz, speed_mm_s=150), rng) == "copy paper"
     assert named >= 20
 
 
@@ -178,14 +187,14 @@ def test_the_rate_of_the_actuator_does_not_matter(rate_hz: int) -> None:
 def test_garbage_still_gets_an_answer(garbage: NDArray[np.float64]) -> None:
     rng = np.random.default_rng(0)
     panel = MATERIALS.take(None, speed_mm_s=100, rng=rng)
-    assert one().judge_virtual(panel, garbage, rate_hz=OUTPUT_HZ, speed_mm_s=100, rng=rng) in IDS
+    assert answered(one().feel_virtual(panel, garbage, rate_hz=OUTPUT_HZ, speed_mm_s=100), rng) in IDS
 
 
 @pytest.mark.parametrize("speed", [1.0, 55.0, 390.0, 2000.0])
 def test_any_speed_gets_an_answer(speed: float) -> None:
     rng = np.random.default_rng(0)
     take = MATERIALS.take("polypropylene", speed_mm_s=speed, rng=rng)
-    assert one().judge_real(take, speed_mm_s=speed, rng=rng) in IDS
+    assert answered(one().feel_real(take, speed_mm_s=speed), rng) in IDS
 
 
 def test_bands_hold_every_bin_from_10_to_500_hz_once() -> None:
@@ -207,7 +216,7 @@ def test_smoothing_keeps_equation_6_between_even_spectra() -> None:
 def test_nobody_answers_before_meeting_the_materials() -> None:
     stranger = Observer(MATERIALS, IDS, rng=np.random.default_rng(0))
     with pytest.raises(SessionError, match="familiarise"):
-        stranger.judge_real(np.zeros(2500), speed_mm_s=100, rng=np.random.default_rng(0))
+        answered(stranger.feel_real(np.zeros(2500), speed_mm_s=100), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
@@ -219,7 +228,7 @@ def test_five_materials_of_any_ids_are_told_apart_above_chance(ids: list[str]) -
     observer.familiarise(rng=rng)
     presented = ids * 20
     takes = [(MATERIALS.take(one, speed_mm_s=200, rng=rng), one) for one in presented]
-    right = sum(observer.judge_real(take, speed_mm_s=200, rng=rng) == one for take, one in takes)
+    right = sum(answered(observer.feel_real(take, speed_mm_s=200), rng, ids) == one for take, one in takes)
     assert right / len(takes) > 1 / 5 + chance_bounds(len(takes))
 
 
