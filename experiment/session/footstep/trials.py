@@ -32,16 +32,7 @@ from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link,
 from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.stimulus import Sounder
 from palpate.experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from palpate.experiment.session.kind import (
-    FarEnds,
-    Kind,
-    Lent,
-    Seen,
-    SessionKind,
-    Sitting,
-    Stimuli,
-    nothing_more,
-)
+from palpate.experiment.session.kind import FarEnds, Kind, Lent, Seen, SessionKind, Sitting, Stimuli, nothing_more
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
