@@ -12,7 +12,7 @@ from tests.figures import TRUNKS, Figure
 from tests.measures import imports, kinds
 from tests.measures.parameters import unvaried_parameters
 from tests.measures.patterns import complex_functions, multiplied_texts, sentence_assertions, sentence_matches
-from tests.measures.source import Source, entries, is_inside, module_of, read_sources, tracked_files
+from tests.measures.source import Source, entries, is_inside, module_of, tracked_files
 
 Count = Callable[[Source], Iterator[str]]
 
@@ -313,7 +313,7 @@ def test_a_wing_is_its_rooms_and_modules() -> None:
 
 
 def test_every_room_that_a_figure_names_is_there_and_in_one_wing() -> None:
-    paths = [each.path for each in read_sources(tracked_files("experiment", "analysis"))]
+    paths = [file.as_posix() for file in tracked_files("experiment", "analysis")]
     named = [room for rooms in imports.WINGS.values() for room in rooms]
     trunks = [room for trunk in imports.TRUNKS.values() for room in (trunk.root, *trunk.without)]
     assert [

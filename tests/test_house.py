@@ -7,10 +7,24 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
+from palpate.analysis import export
+from palpate.analysis.designs import named
 from palpate.experiment import errors
+from palpate.experiment.dataset import build
+from palpate.experiment.protocol import designs, kinds
+from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.protocol.kinds import kind_of
+from palpate.experiment.protocol.page.words import design_words, kind_words
+from palpate.experiment.records import events
+from palpate.experiment.records.kinds import lines_of
+from palpate.experiment.rehearsal.designs import judge_of
+from palpate.experiment.rehearsal.kind import rehearsal_kind
+from palpate.experiment.session.kind import session_kind
 from tests.__main__ import marked
 from tests.conftest import LONGEST
 from tests.figures import figures
@@ -120,6 +134,21 @@ def test_a_function_has_a_name_that_says_what_it_gives_or_does() -> None:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name.strip("_") in NO_NAMES
     ]
     assert named == []
+
+
+def test_every_kind_of_trial_and_every_design_supplies_all_that_one_is_asked_for() -> None:
+    """A new one is a name in a list, and modules of that name."""
+    for task in (SimpleNamespace(kind=name) for name in kinds.NAMES):
+        assert kind_of(task.kind).intervals
+        assert set(events.columns_of(task.kind)) > {"trial", "answered"}
+        for look_up in (kind_words, build.kind_of, session_kind, rehearsal_kind):
+            assert look_up(cast("Any", task))
+        assert lines_of(task.kind)
+    for task in (SimpleNamespace(design=name) for name in designs.NAMES):
+        assert design_of(task.design).intervals
+        assert design_words(cast("Any", task))
+        assert judge_of(cast("Any", task))
+        assert set(export.columns_of(named(task.design).name)) > {"exclusions.csv"}
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def record(
     try:
         if simulated:
             from palpate.experiment.protocol.files import shipped
-            from palpate.experiment.rehearsal.footstep import recorder
+            from palpate.experiment.rehearsal.kinds.footstep import recorder
 
             manifest = recorder.record_simulated(
                 protocol_file=protocol_file,
@@ -113,7 +113,7 @@ def validate(
             )
         others = manifest.load_all(fresh)
     else:
-        from palpate.experiment.rehearsal.footstep import recorder
+        from palpate.experiment.rehearsal.kinds.footstep import recorder
 
         others = recorder.fresh_takes(recorded, seed=seed)
     folder_out = out or folder / "validation"

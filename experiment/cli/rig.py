@@ -88,7 +88,7 @@ def doctor(
     from palpate.experiment.clock import MonotonicClock
     from palpate.experiment.errors import RigError
     from palpate.experiment.rehearsal.session import simulated_far_ends
-    from palpate.experiment.session.footstep import doctor as footsteps
+    from palpate.experiment.session.kinds.footstep import doctor as footsteps
 
     options.at_once("The checks take 5 to 15 s. Each is shown as soon as it has ended.")
     # A check of its own is red for a rig file that cannot be used.

@@ -21,7 +21,7 @@ from palpate.experiment.errors import Finding, PalpateError, Remedy, ScheduleErr
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.rig import Rig
-    from palpate.experiment.session.footstep.scene_cost import TaskPlan
+    from palpate.experiment.session.kinds.footstep.scene_cost import TaskPlan
 
 Bar = tuple[Callable[[int], None], Callable[[], None]]
 """What is given how many tasks there are, and what is called after each."""
@@ -90,9 +90,9 @@ def plans(
     from palpate.experiment.apparatus.panel.validity import unmeasured_panel
     from palpate.experiment.protocol import files
     from palpate.experiment.recordings import manifest
-    from palpate.experiment.rehearsal.footstep import recorded_takes
+    from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
     from palpate.experiment.session import scene
-    from palpate.experiment.session.footstep import scene_cost
+    from palpate.experiment.session.kinds.footstep import scene_cost
 
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if not scene.virtual(protocol).synthesis:

@@ -62,5 +62,5 @@ class RehearsalKind:
 
 def rehearsal_kind(task: Task) -> RehearsalKind:
     """Return the kind of a task; no other is imported."""
-    module: Any = import_module(f"palpate.experiment.rehearsal.{task.kind}.participant")
+    module: Any = import_module(f"palpate.experiment.rehearsal.kinds.{task.kind}.participant")
     return cast("RehearsalKind", module.REHEARSAL)

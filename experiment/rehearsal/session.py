@@ -256,7 +256,9 @@ def simulated_far_ends(rig: rigs.Rig, opened: ExitStack) -> SimulatedPorts:
     port = address = None
     if rig.tracker is not None:
         line = opened.enter_context(SerialLine())
-        moves = stepping if rig.servo is None else import_module("palpate.experiment.rehearsal.tapping.hand").moves
+        moves = (
+            stepping if rig.servo is None else import_module("palpate.experiment.rehearsal.kinds.tapping.hand").moves
+        )
         opened.callback(moves(line, rig, real_time=True).close)
         port = line.url
     if rig.actuator.driver == "pcm-tcp":

@@ -1,7 +1,7 @@
 """The seam between a session and its kinds of trial: what a session lends a kind, and what it asks of one.
 
 A session knows trials, attempts, answers and the journal. What happens between arming and the question, and on which
-devices, is the kind's: `footstep/` is one, named as in a protocol file. A kind never imports another.
+devices, is the kind's: a room of its name in `kinds/`, as in a protocol file. A kind never imports another.
 """
 
 from __future__ import annotations
@@ -312,7 +312,7 @@ class SessionKind:
 
 def session_kind(task: Task) -> SessionKind:
     """Return the kind of a task; no other is imported."""
-    module = f"palpate.experiment.session.{task.kind}.trials"
+    module = f"palpate.experiment.session.kinds.{task.kind}.trials"
     return cast("SessionKind", import_module(module).KIND)
 
 

@@ -48,8 +48,8 @@ from palpate.experiment.rehearsal.wires.foot import Foot, trajectory
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import scene
-from palpate.experiment.session.footstep.stimulus import Sounder
-from palpate.experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
+from palpate.experiment.session.kinds.footstep.stimulus import Sounder
+from palpate.experiment.session.kinds.footstep.watch import Feed, Watch, WatchedStep, watch
 from palpate.experiment.session.masker import open_sound
 from tests.benchmarks import attended
 from tests.benchmarks.scheduling import loaded, spread

@@ -20,7 +20,7 @@ from palpate.experiment.apparatus.tracker.landing import LandingPredictor
 from palpate.experiment.desk.questions import Arm, Question, Reply, TrialAnswer
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
-from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
+from palpate.experiment.rehearsal.kinds.footstep.participant import SimulatedParticipant
 from palpate.experiment.rehearsal.wires import foot
 from tests.benchmarks.scheduling import STEP, STEPS, loaded, report, spread
 

@@ -17,7 +17,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel.conditioning import open_drive
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires.modes import MovingPanel, read
 from palpate.experiment.session import scene
 from palpate.experiment.synthesis.budget import of_voltages

@@ -46,8 +46,8 @@ from palpate.experiment.rehearsal.wires import foot
 from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import scene
-from palpate.experiment.session.footstep.stimulus import Sounder
-from palpate.experiment.session.footstep.watch import Feed, Watch, watch
+from palpate.experiment.session.kinds.footstep.stimulus import Sounder
+from palpate.experiment.session.kinds.footstep.watch import Feed, Watch, watch
 from palpate.experiment.session.masker import open_sound
 from palpate.experiment.synthesis.waveforms import Waveform
 from tests.benchmarks import attended

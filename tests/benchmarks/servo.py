@@ -29,7 +29,7 @@ from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.apparatus.servo.rendering import Rendered
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.tapping import hand
+from palpate.experiment.rehearsal.kinds.tapping import hand
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine

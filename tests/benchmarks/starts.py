@@ -24,7 +24,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard

@@ -21,7 +21,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.kinds.tapping import Tapped
 from palpate.experiment.rehearsal import study
-from palpate.experiment.rehearsal.tapping import participant
+from palpate.experiment.rehearsal.kinds.tapping import participant
 
 
 def rig() -> str:

@@ -35,7 +35,7 @@ from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.frames import Samples, encode
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
-from palpate.experiment.rehearsal.footstep.participant import SPEED_MEDIAN_MM_S
+from palpate.experiment.rehearsal.kinds.footstep.participant import SPEED_MEDIAN_MM_S
 from palpate.experiment.rehearsal.wires.foot import trajectory
 
 RATES_HZ = (1000, 5000)

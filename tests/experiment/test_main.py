@@ -32,7 +32,7 @@ def interrupt_import_of(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ("module", "arguments"),
     [
         ("palpate.experiment.cli.app", ["check", "--help"]),
-        ("palpate.experiment.rehearsal.footstep", ["record", "PROTOCOL", "--simulated", "--out", "OUT"]),
+        ("palpate.experiment.rehearsal.kinds.footstep", ["record", "PROTOCOL", "--simulated", "--out", "OUT"]),
         ("palpate.analysis.validation", ["validate", "OUT"]),
         ("palpate.experiment.protocol", ["check", "PROTOCOL"]),
     ],

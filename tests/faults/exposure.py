@@ -52,8 +52,8 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.exposure import Exposed, dose_before
-from palpate.experiment.session.footstep.trials import FootstepDevices
 from palpate.experiment.session.kind import Kind
+from palpate.experiment.session.kinds.footstep.trials import FootstepDevices
 from palpate.experiment.synthesis.waveforms import Waveform
 from tests.experiment.session.bench import HEADER, Constant, in_pieces
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, rest_samples, step_samples

@@ -17,7 +17,7 @@ from pathlib import Path
 from palpate.experiment.desk.questions import Answered, Event
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
-from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
+from palpate.experiment.rehearsal.kinds.footstep.participant import SimulatedParticipant
 
 PARTICIPANTS = 2
 

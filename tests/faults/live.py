@@ -30,7 +30,7 @@ from typing import Any, NoReturn, Self
 
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.study.schedule import allocate, find_allocation
 from tests.faults.world import BLOCK
 from tests.rig.laboratory import write_rig

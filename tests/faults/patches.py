@@ -93,10 +93,10 @@ PATCHES = (
     ),
     Patch(
         "armed although the last stimulus may still play",
-        "experiment/session/footstep/trials.py",
+        "experiment/session/kinds/footstep/trials.py",
         '        if not silent:\n            raise ActuatorError("actuator", STILL_PLAYS)\n',
         "        del silent\n",
-        (f"{_SESSION}footstep/test_late.py",),
+        (f"{_SESSION}kinds/footstep/test_late.py",),
         subset=True,
     ),
     Patch(
@@ -119,7 +119,7 @@ PATCHES = (
         "experiment/session/exposure.py",
         "            self._kind.quiet(why)\n",
         "            pass\n",
-        (f"{_SESSION}tapping/test_virtual.py",),
+        (f"{_SESSION}kinds/tapping/test_virtual.py",),
         subset=True,
     ),
     Patch(
@@ -358,10 +358,10 @@ PATCHES = (
     ),
     Patch(
         "a vibration that sounds on in a pause",
-        "experiment/session/tapping/virtual.py",
+        "experiment/session/kinds/tapping/virtual.py",
         "        self.taps.actuator.withdraw()\n",
         "",
-        (f"{_SESSION}tapping/test_virtual.py",),
+        (f"{_SESSION}kinds/tapping/test_virtual.py",),
     ),
     Patch(
         "a stop lost while the participant's screen is drawn",
@@ -407,16 +407,16 @@ PATCHES = (
     ),
     Patch(
         "a touch that is read late sounds",
-        "experiment/session/tapping/taps.py",
+        "experiment/session/kinds/tapping/taps.py",
         "        if late_ns > LATE_NS and not self.lent.clock.simulated:\n",
         "        if late_ns < 0 and not self.lent.clock.simulated:\n",
         (
-            f"{_SESSION}tapping/test_virtual.py::test_a_touch_that_is_read_late_sounds_nothing_and_its_trial_comes_again",
+            f"{_SESSION}kinds/tapping/test_virtual.py::test_a_touch_that_is_read_late_sounds_nothing_and_its_trial_comes_again",
         ),
     ),
     Patch(
         "undelivered stimulus counts as delivered",
-        "experiment/session/footstep/trials.py",
+        "experiment/session/kinds/footstep/trials.py",
         '                "undelivered": heard is not None and not heard.delivered,\n',
         '                "undelivered": False,\n',
         (f"{_SESSION}test_runner_onset.py",),

@@ -28,7 +28,7 @@ from palpate.experiment.errors import TrackerError
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.rehearsal.wires.foot import Hesitation
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
-from palpate.experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
+from palpate.experiment.session.kinds.footstep.watch import Feed, Watch, WatchedStep, watch
 from tests.experiment.session.scripted import Endless
 from tests.faults.campaign import Count, Size
 from tests.faults.wire import BASE, Fed, Floats, Wire, encoded, honest

@@ -13,7 +13,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.study import enrolment
 from tests.analysis.datasets import balanced, write_dataset
 

@@ -13,34 +13,38 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from tests.measures.source import Source, is_inside, module_of
+from palpate.experiment.protocol import designs, kinds
+from tests.measures.source import REPOSITORY, Source, is_inside, module_of
+
+NAMES = frozenset(kinds.NAMES)
+"""The kinds of trial as a protocol file names them."""
+
+DESIGNS = frozenset(designs.NAMES)
+"""The designs."""
 
 ROOMS = (
-    "analysis/designs/comparison",
-    "analysis/designs/identification.py",
+    *(
+        f"{room}/{name}{end}"
+        for room in (
+            "analysis/designs",
+            "experiment/dataset/kinds",
+            "experiment/protocol/designs",
+            "experiment/protocol/kinds",
+            "experiment/protocol/page",
+            "experiment/records/kinds",
+            "experiment/rehearsal/designs",
+            "experiment/rehearsal/kinds",
+            "experiment/session/kinds",
+        )
+        for name in sorted(NAMES | DESIGNS)
+        for end in ("", ".py")
+        if (REPOSITORY / f"{room}/{name}{end}").exists()
+    ),
     "analysis/identification",
     "analysis/power/comparisons.py",
     "analysis/report/identification_sections.py",
-    "experiment/dataset/kinds",
-    "experiment/protocol/designs",
-    "experiment/protocol/kinds",
-    "experiment/protocol/page/comparison.py",
-    "experiment/protocol/page/footstep.py",
-    "experiment/protocol/page/identification.py",
-    "experiment/protocol/page/tapping.py",
-    "experiment/records/kinds",
-    "experiment/rehearsal/footstep",
-    "experiment/rehearsal/tapping",
-    "experiment/session/footstep",
-    "experiment/session/tapping",
 )
 """Where a kind of trial, or what is asked in it, is at home."""
-
-NAMES = frozenset({"footstep", "tapping"})
-"""The kinds of trial as a protocol file names them."""
-
-DESIGNS = frozenset({"identification", "comparison"})
-"""The designs."""
 
 ABSENT = NAMES | DESIGNS | {"answers"}
 """What is None where a study is of another kind or design."""

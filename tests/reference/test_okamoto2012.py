@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate.analysis.reading import dissimilarities
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2, TABLE_3
 
 

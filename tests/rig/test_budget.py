@@ -11,7 +11,7 @@ from palpate.experiment.apparatus.panel.pcm import PcmActuator
 from palpate.experiment.apparatus.rig import ActuatorRig
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.session import scene
 from palpate.experiment.synthesis import tap

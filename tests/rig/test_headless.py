@@ -14,7 +14,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import MaskerSet, Redo
 from palpate.experiment.records.kinds.footstep import FootStep, Probed, Zeroed
 from palpate.experiment.rehearsal import session, study
-from palpate.experiment.rehearsal.footstep import participant
+from palpate.experiment.rehearsal.kinds.footstep import participant
 from palpate.experiment.rehearsal.wires.modes import MovingPanel
 from palpate.experiment.rehearsal.wires.panel import CardPanel
 from palpate.experiment.rehearsal.wires.sound_card import WiredCard

@@ -31,11 +31,11 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Entry, LevelChosen, TrackEnded
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.kinds.tapping import Tapped
+from palpate.experiment.rehearsal.kinds.tapping.hand import SPEED_MEDIAN_MM_S, SPEED_SIGMA
+from palpate.experiment.rehearsal.kinds.tapping.participant import AGAIN, THRESHOLD_M_S2
 from palpate.experiment.rehearsal.study import rehearse
-from palpate.experiment.rehearsal.tapping.hand import SPEED_MEDIAN_MM_S, SPEED_SIGMA
-from palpate.experiment.rehearsal.tapping.participant import AGAIN, THRESHOLD_M_S2
 from palpate.experiment.session import scene
-from palpate.experiment.session.footstep.levels import scaled
+from palpate.experiment.session.kinds.footstep.levels import scaled
 from tests.experiment.protocol import leveled
 from tests.experiment.records.test_journal import chained
 

@@ -28,7 +28,7 @@ from palpate.experiment.apparatus.rig import ActuatorRig, ShapingRig
 from palpate.experiment.errors import ActuatorError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires import panel as response
 from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.session import scene

@@ -27,7 +27,7 @@ from tests.rig.rehearsed import assert_all_say
 
 COMMAND = """\
 from palpate.experiment.__main__ import main
-from palpate.experiment.rehearsal.footstep import participant
+from palpate.experiment.rehearsal.kinds.footstep import participant
 from tests.rig.laboratory import HURRIED
 vars(participant).update(HURRIED)
 main()

@@ -16,7 +16,7 @@ from palpate.experiment.recordings import manifest
 from palpate.experiment.recordings.manifest import Recordings
 from palpate.experiment.recordings.store import Condition, plan
 from palpate.experiment.recordings.workflow import SPEED_TOLERANCE, Step
-from palpate.experiment.rehearsal.footstep import recorded_takes, recorder
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes, recorder
 from tests.approved import Refuses
 
 pytestmark = pytest.mark.clocked

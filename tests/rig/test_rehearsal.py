@@ -1,6 +1,6 @@
 """A whole rehearsal through real ports: what it makes, how close it comes to the paper, and the control condition.
 
-How near the answers are to the printed ones is judged over three seeds in `rehearsal/footstep/test_observer.py`.
+How near the answers are to the printed ones is judged over three seeds in `rehearsal/kinds/footstep/test_observer.py`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from palpate.experiment.desk.questions import Arm, Question, Reply
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.kinds.footstep import FootStep
-from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
+from palpate.experiment.rehearsal.kinds.footstep.participant import SimulatedParticipant
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL

@@ -23,7 +23,7 @@ from palpate.experiment.errors import DatasetError, Interrupted, JournalError, P
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.rehearsal import session, study
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from tests.approved import Refuses
 from tests.rig.faults import Faults

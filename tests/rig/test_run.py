@@ -25,7 +25,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Entry, Footer, Note, TrackerOpened
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires.panel import Panel
 from tests.approved import on_any_machine
 from tests.conftest import Palpate

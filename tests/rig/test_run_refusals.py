@@ -19,7 +19,7 @@ from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine

@@ -1,6 +1,6 @@
 """The tapping study rehearsed through its ports, from the protocol to its tables, by SIMULATED participants.
 
-How near their choices are to the printed ones is judged over three seeds in `rehearsal/tapping/test_observer.py`.
+How near their choices are to the printed ones is judged over three seeds in `rehearsal/kinds/tapping/test_observer.py`.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ def give_command(folder: Path, words: tuple[str, ...], simulated: bool, terminal
 
         in_the_room.simulate()
     from palpate.experiment import __main__
-    from palpate.experiment.rehearsal.footstep import participant
+    from palpate.experiment.rehearsal.kinds.footstep import participant
 
     vars(participant).update(HURRIED)
     sys.argv = ["palpate", *words]

@@ -667,7 +667,7 @@ class TestALaboratorysStudy:
 
 def test_a_plan_names_its_rig_and_is_for_footsteps(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     # What is left out is measured, and not asked for here.
-    monkeypatch.setattr("palpate.experiment.session.footstep.scene_cost.REPEATS", 1)
+    monkeypatch.setattr("palpate.experiment.session.kinds.footstep.scene_cost.REPEATS", 1)
     code, out, err = palpate("plan", "okamoto2012", "--task", "real")
     named = tomllib.loads(shipped("rigs/rehearsal.toml").read_text("utf-8"))["rig"]["name"]
     assert (code, f"\nRig: {named} (SIMULATED)\n" in out) == (0, True), err

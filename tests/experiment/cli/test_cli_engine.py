@@ -37,7 +37,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory, protocol: Path) -> Path:
 
 
 def test_at_least_half_of_the_takes_are_on_their_own_or_a_neighbouring_speed(recorded: Path, tmp_path: Path) -> None:
-    """Over twenty seeds in `rehearsal/footstep/test_recorded_takes.py`."""
+    """Over twenty seeds in `rehearsal/kinds/footstep/test_recorded_takes.py`."""
     result = call("validate", recorded, "--seed", 1, "--out", tmp_path / "v", "--no-figures", "--json")
     found = json.loads(result.stdout)
     assert found["label"] == "SIMULATED"

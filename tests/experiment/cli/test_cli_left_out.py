@@ -20,9 +20,9 @@ from palpate.experiment.cli.app import app
 from palpate.experiment.errors import Finding, RecordingError, RigError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep import recorded_takes
-from palpate.experiment.session.footstep.doctor import binding, omissions
-from palpate.experiment.session.footstep.fidelity import speeds_mm_s
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
+from palpate.experiment.session.kinds.footstep.doctor import binding, omissions
+from palpate.experiment.session.kinds.footstep.fidelity import speeds_mm_s
 from tests.approved import anywhere
 
 RIG = shipped("rigs/rehearsal.toml")

@@ -16,7 +16,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
 from tests.experiment.protocol.tapping import live_alone, protocol
-from tests.experiment.session.tapping.bench import console, contents, run
+from tests.experiment.session.kinds.tapping.bench import console, contents, run
 
 
 def test_a_row_for_each_pair_that_was_laid_out(tmp_path: Path) -> None:

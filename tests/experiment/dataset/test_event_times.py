@@ -28,7 +28,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, PlannedTrial, TrackerOpened
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.session import attempt, runner
-from palpate.experiment.session.footstep.trials import FootstepDevices
+from palpate.experiment.session.kinds.footstep.trials import FootstepDevices
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 

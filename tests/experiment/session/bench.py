@@ -24,7 +24,7 @@ from palpate.experiment.records.entries import Footer, Header, PlannedTrial
 from palpate.experiment.records.kinds.footstep import BrokenOff
 from palpate.experiment.records.stimulus import Computed, Delivered
 from palpate.experiment.session import attempt, runner
-from palpate.experiment.session.footstep.trials import FootstepDevices
+from palpate.experiment.session.kinds.footstep.trials import FootstepDevices
 from palpate.experiment.synthesis.waveforms import Basis
 from tests.experiment.session.scripted import (
     START_NS,

@@ -40,9 +40,9 @@ from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session import exposure
 from palpate.experiment.session.exposure import EVERY_NS, KILLED_NS, LOOK_S, WINDOW_NS, Exposed, dose_before, spent_ns
 from palpate.experiment.session.kind import nothing_more
+from palpate.experiment.session.kinds.tapping.trials import Comparisons
 from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.runner import SessionLog
-from palpate.experiment.session.tapping.trials import Comparisons
 from tests.approved import Refuses
 from tests.experiment.session.bench import Bench, as_read, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole

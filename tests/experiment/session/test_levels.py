@@ -22,9 +22,9 @@ from palpate.experiment.protocol.models import Levels, Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Armed, Correction, Entry, LevelChosen, Note, Redo, TrackEnded
 from palpate.experiment.records.progress import Progress, progress
-from palpate.experiment.session.footstep.levels import at_level, scaled
-from palpate.experiment.session.footstep.stimulus import Sounder
-from palpate.experiment.session.footstep.watch import Watch
+from palpate.experiment.session.kinds.footstep.levels import at_level, scaled
+from palpate.experiment.session.kinds.footstep.stimulus import Sounder
+from palpate.experiment.session.kinds.footstep.watch import Watch
 from palpate.experiment.session.runner import SessionLog
 from palpate.experiment.study.levels import Tracks
 from palpate.experiment.study.schedule import block_trials, schedule
@@ -32,8 +32,8 @@ from palpate.experiment.synthesis import tap
 from palpate.experiment.synthesis.crinkle import LeftOut, leave_out
 from palpate.experiment.synthesis.waveforms import prepare
 from tests.experiment.protocol.tapping import comparing
+from tests.experiment.session.kinds.tapping.bench import ASKED, console, contents, run
 from tests.experiment.session.scripted import START_NS, ScriptedActuator
-from tests.experiment.session.tapping.bench import ASKED, console, contents, run
 from tests.experiment.synthesis.stimuli import basis_of
 
 LEVELS = Levels(method="up-down", grid=(0.1, 0.2, 0.4, 0.8), first=0.4, down=2, reversals=2)

@@ -32,7 +32,7 @@ from palpate.experiment.records.entries import (
 )
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.stimulus import Stimulus
-from palpate.experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
+from palpate.experiment.session.kinds.footstep.watch import BrokenStep, WatchedStep, watch
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses
 from tests.experiment.records.test_journal import chained
@@ -429,7 +429,7 @@ def test_an_attempt_is_on_disk_before_a_sound_of_it_is_possible(
         known.append(entries(tmp_path, "virtual")[-1])
         return watch(*parts)
 
-    monkeypatch.setattr("palpate.experiment.session.footstep.trials.watch", seen)
+    monkeypatch.setattr("palpate.experiment.session.kinds.footstep.trials.watch", seen)
     asked = header("virtual")
     bench("cpn").run(protocol, asked, tmp_path)
     assert known == [Armed(trial=one.trial, attempt=1, presented=one.presented) for one in asked.order]

@@ -24,10 +24,10 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Probe, Protocol
-from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.session import scene
-from palpate.experiment.session.footstep import scene_cost
-from palpate.experiment.session.footstep import scene_cost as cost
+from palpate.experiment.session.kinds.footstep import scene_cost
+from palpate.experiment.session.kinds.footstep import scene_cost as cost
 from palpate.experiment.synthesis import waveforms
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
 from palpate.experiment.synthesis.spectra import inverse

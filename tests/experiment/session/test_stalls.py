@@ -27,9 +27,9 @@ from palpate.experiment.records.journal import Contents
 from palpate.experiment.records.progress import progress
 from palpate.experiment.session import exposure
 from palpate.experiment.session.exposure import Exposed
+from palpate.experiment.session.kinds.tapping.trials import Comparisons
 from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.runner import SessionLog
-from palpate.experiment.session.tapping.trials import Comparisons
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 

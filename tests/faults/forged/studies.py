@@ -25,15 +25,15 @@ from palpate.experiment.records.entries import Header
 from palpate.experiment.rehearsal import study as rehearsing
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kind import Sitting
+from palpate.experiment.session.kinds.tapping.trials import ComparisonDevices
 from palpate.experiment.session.laboratory import header
-from palpate.experiment.session.tapping.trials import ComparisonDevices
 from palpate.experiment.study import enrolment, withdrawal
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import allocate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.experiment.protocol.tapping import live_alone
+from tests.experiment.session.kinds.tapping.bench import LayingConsole
 from tests.experiment.session.scripted import START_NS
-from tests.experiment.session.tapping.bench import LayingConsole
 from tests.faults.wrong import base
 
 REASON = "asked to stop"

@@ -1,0 +1,103 @@
+"""What a rig for footsteps omits of a study's recordings: `palpate doctor` checks it, and the board reads it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.doctor.checks import passed, refused, unchecked
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.errors import Finding, PalpateError, RecordingError, RigError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.kinds.footstep import Footstep
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep.fidelity import WEAKER, judged, played, speeds_mm_s
+from palpate.experiment.study.enrolment import default_root
+
+NAME = "left out"
+"""The name of the check."""
+
+
+def omissions(
+    rig_file: Path, protocol_file: Path | None, dataset: Path | None, recordings: Path | None
+) -> Iterator[Finding]:
+    """Yield what a rig leaves out of a study's recordings, and whether the protocol allows that.
+
+    Nothing is yielded of a study that synthesises no footsteps, nor of a rig file that cannot be used. Without
+    `recordings` those of the dataset are taken, and without `dataset` the study's own. Raises `ProtocolError`.
+    """
+    protocol = files.load(protocol_file) if protocol_file is not None else None
+    if protocol is not None and not (protocol.renders and scene.virtual(protocol).synthesis):
+        return
+    try:
+        rig = rigs.load(rig_file)
+    except RigError:
+        # A check of its own is red for it.
+        return
+    if protocol is None:
+        yield unchecked(NAME, "no protocol was given", "add --protocol, and the folder of its --recordings")
+        return
+    most = protocol.table(Footstep).synthesis.left_out_max
+    allowed = f"{most * 100:.6g}%" if most else "anything, for the protocol has no footstep.synthesis.left_out_max"
+    folder = recordings or (dataset or default_root(protocol)) / storage.RECORDINGS
+    if recordings is None and not folder.exists():
+        missing = f"there are no recordings in {folder} yet, of which a rig may leave out {allowed}"
+        yield unchecked(NAME, missing, "give their folder, with --recordings")
+        return
+    try:
+        share = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+    except PalpateError as error:
+        yield refused(NAME, error)
+        return
+    yield passed(NAME, share, allowed)
+
+
+def examine(
+    *, protocol: Protocol, rig: Rig, rig_file: Path, recordings: Path | None
+) -> tuple[str, PalpateError | None]:
+    """Return what the board reads of a rig, beside what the protocol allows it to leave out; raises as `judged`.
+
+    `recordings` None stands for those of the study's dataset; where there are none, a protocol that limits what is left
+    out has the rig refused.
+    """
+    folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
+    most = protocol.table(Footstep).synthesis.left_out_max
+    allowed = "sets no limit" if most is None else f"allows {most * 100:.6g}%"
+    if recordings is None and not folder.exists():
+        if most is not None:
+            limited = f"the protocol {allowed} of a vibration to be left out"
+            return "", RecordingError(
+                f"{limited}, and {folder} has no recordings", remedy="name their folder (--recordings)"
+            )
+        limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
+        return f"{name}: {limitless}. Name the folder of recordings (--recordings) to see what is left out.", None
+    told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+    bound = binding(limit_scales(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder), protocol)
+    mend = "palpate plan says what would lower this"
+    return f"{name}: {told}. The protocol {allowed}; {mend}. {bound} The recordings are those in {folder}.", None
+
+
+def limit_scales(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> dict[str, tuple[float, ...]]:
+    """Return the scale of each material that a study plays, at each of `speeds_mm_s`; raises as `judged`."""
+    found: dict[str, tuple[float, ...]] = {}
+    for each in scene.played(protocol):
+        spectra = scene.load_spectra(scene=each, protocol=protocol, recordings=recordings)
+        given = played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder)
+        found |= {material: tuple(one.scale * one.panel_scale for one in of) for material, of in given.items()}
+    return found
+
+
+def binding(scales: Mapping[str, Sequence[float]], protocol: Protocol) -> str:
+    """Return in words from which speed on a limit scales each material, and by how much, so that none does unseen."""
+    speeds, bound = speeds_mm_s(protocol), []
+    for material, of in scales.items():
+        if down := [(v, scale) for v, scale in zip(speeds, of, strict=True) if scale <= 1 - WEAKER]:
+            least = min(down, key=lambda one: one[1])
+            bound.append(f"{material} from {down[0][0]:.0f} mm/s on, to {least[1]:.0%} at {least[0]:.0f} mm/s")
+    limits = f"The limits of panel ({protocol.exposure.vibration_peak_m_s2:g} m/s^2) and amplifier"
+    if not bound:
+        return f"{limits} scale no vibration down from {speeds[0]:.0f} to {speeds[-1]:.0f} mm/s."
+    unequal = len(bound) < len(scales) or len({tuple(of) for of in scales.values()}) > 1
+    warned = " Materials are scaled unequally, which participants may notice." if unequal else ""
+    return f"{limits} scale vibrations down: {'; '.join(bound)}.{warned}"

@@ -1,0 +1,260 @@
+"""Taps on virtual surfaces, a kind of trial: the participant taps one, changes to the other, and says which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, field
+from datetime import date
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
+from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
+from palpate.experiment.apparatus.ports import Actuator, Servo
+from palpate.experiment.apparatus.rig import Rig, tracker_of
+from palpate.experiment.apparatus.servo import settings
+from palpate.experiment.apparatus.servo.opening import open_servo, servo_of
+from palpate.experiment.apparatus.tracker import zeroing
+from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
+from palpate.experiment.clock import day
+from palpate.experiment.desk.messages import Lamp, Measured
+from palpate.experiment.errors import PalpateError, RigError, TrackerStopped
+from palpate.experiment.protocol.kinds.tapping import Tapping
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.entries import PlannedTrial
+from palpate.experiment.records.kinds.tapping import Changed, PairLaidOut, Place
+from palpate.experiment.session.kind import FarEnds, Kind, Lent, Seen, Sitting
+from palpate.experiment.session.kinds.tapping.taps import Lying, Taps
+from palpate.experiment.synthesis import tap
+from palpate.experiment.synthesis.contact.block import Block
+from palpate.experiment.synthesis.tap import Rings, Surface
+
+if TYPE_CHECKING:
+    from palpate.experiment.apparatus.audio.stream import AudioStream
+
+PLACES: tuple[Place, Place] = ("first", "second")
+
+
+@dataclass(frozen=True)
+class SurfaceDevices:
+    """`KindDevices`: servo, actuator, and vibrations by their materials' ids; `opened` closes what a session begins."""
+
+    servo: Servo
+    actuator: Actuator
+    rings: Mapping[str, Rings]
+    block: Block
+    noise_mm: float
+    opened: ExitStack
+
+    def begin(self, lent: Lent) -> VirtualSurfaces:
+        taps = Taps(servo=self.servo, actuator=self.actuator, block=self.block, noise_mm=self.noise_mm, lent=lent)
+        self.opened.callback(taps.close)
+        return VirtualSurfaces(self.rings, taps, lent)
+
+
+def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, opened: ExitStack) -> SurfaceDevices:
+    """Open what virtual surfaces need; otherwise as `laboratory.open_laboratory`.
+
+    Raises `RigError` for a real rig that does not bear the protocol's block, `ServoError` for device or tracker, and as
+    `conditioning.open_drive`.
+    """
+    protocol, rig, clock = sitting.protocol, sitting.rig, sitting.clock
+    virtual = protocol.table(Tapping)
+    device = servo_of(rig)
+    if not rig.rig.simulated:
+        settings.refuse_beyond(virtual, device, rig=rig.rig.name)
+        zeroing.check_age(rig, day(clock.now_ns()))
+    limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    address = ends.panel(opened)
+    actuator = opening.open_actuator(
+        rig,
+        limit_m_s2=limit_m_s2,
+        drive=open_drive(sitting.rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2),
+        address=address,
+        stream=stream,
+        clock=clock,
+    )
+    opened.callback(actuator.close)
+    rings = {
+        name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=ends.ringing_m_s2(virtual.full_m_s2))
+        for name, surface in surfaces(virtual).items()
+    }
+    force = ends.force(opened)
+    port, clock_map = ends.tracker(opened)
+    servo = open_servo(
+        rig,
+        rate_hz=virtual.rate_hz,
+        limit_n=limit_n,
+        fastest_mm_s=virtual.fastest_mm_s,
+        clock=clock,
+        port=port,
+        address=force,
+        clock_map=clock_map,
+    )
+    opened.callback(servo.close)
+    if stream is not None:
+        stream.allow(servo.is_live)
+    tracker = tracker_of(rig)
+    noise_mm = tracker.noise_mm if tracker.noise_mm is not None else QUIETEST_MM
+    return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=tracker.rate_hz), noise_mm, opened)
+
+
+def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
+    """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
+    settings.refuse_beyond(protocol.table(Tapping), servo_of(rig), rig=rig.rig.name)
+    refuse_unmeasured(rig_file, rig, today)
+    zeroing.check_age(rig, today)
+    return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
+
+
+def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tuple[str, PalpateError | None]:
+    """Return what the board reads of a rig, and why it bears no block of the protocol, if so; raises as `left_out`."""
+    bears, told = settings.judged(protocol.table(Tapping), servo_of(rig))
+    planar = "is planar: the block" if tracker_of(rig).readings == 2 else "is not planar: nothing"
+    omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
+    told = f"{told} The tracker {planar} pushes along the face." + (
+        f" Of its vibrations, {omitted}." if omitted else ""
+    )
+    refusal = RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
+    return told, None if bears else refusal
+
+
+def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
+    """Return in words what is left out of a tap, at most; empty for nothing. Raises as `conditioning.open_drive`.
+
+    Where no voltage or limit bends, the share is the same at every speed.
+    """
+    limit_m_s2, actuator, virtual = protocol.exposure.vibration_peak_m_s2, rig.actuator, protocol.table(Tapping)
+    drive = open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2)
+    condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive)
+    shares = {}
+    for name, surface in surfaces(virtual).items():
+        rings = tap.rings(surface, rate_hz=actuator.rate_hz, aluminum_m_s2=virtual.full_m_s2)
+        error, _ = condition(rings.at(tap.REFERENCE_M_S)).budget()
+        shares[name] = error.left_out
+    most = max(shares, key=lambda name: shares[name])
+    at = f"a tap on {most} at {tap.REFERENCE_M_S * 1e3:g} mm/s"
+    return f"at most {shares[most]:.2%} (rms) of {at} is left out" if shares[most] else ""
+
+
+def surfaces(virtual: Tapping) -> dict[str, Surface]:
+    """Return the surfaces of a study, by their materials' ids: how each rings; all have one block."""
+    return {
+        one.material: Surface(
+            name=one.material,
+            stiffness_n_m=virtual.stiffness_n_m,
+            amplitude=one.amplitude,
+            attack_hz=one.attack_hz,
+            decay_per_s=virtual.decay_per_s,
+        )
+        for one in virtual.surfaces
+    }
+
+
+def block(virtual: Tapping, *, tracker_hz: int) -> Block:
+    """Return the block of a protocol, below height zero, prepared for a tracker's rate, Hz."""
+    k, c, m = virtual.stiffness_n_m, virtual.damping_n_s_m, inf if virtual.mass_kg is None else virtual.mass_kg
+    return Block((k, k), (c, c), (m, m), into=(-1.0, 0.0), nominal_s=round(1e6 / tracker_hz) * 1e-6)
+
+
+@dataclass
+class VirtualSurfaces(Kind):
+    """Each attempt is a pair of surfaces, one rendered at a time; `rings` are their vibrations, by id.
+
+    Question and response times begin when the first can be tapped.
+    """
+
+    rings: Mapping[str, Rings]
+    taps: Taps
+    lent: Lent
+    _ready: PairLaidOut | None = field(default=None, init=False)
+    _pair: PairLaidOut | None = field(default=None, init=False)
+    _at: int = field(default=0, init=False)
+
+    def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
+        """Say that a pair comes. Raises `TrackerStopped` if what renders it has failed."""
+        if self.taps.failed is not None:
+            raise TrackerStopped.saying(self.taps.failed)
+        if self.lent.limits.end_reason():
+            return
+        self.lent.arm(planned, attempt)
+        self._ready = PairLaidOut(trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=0)
+
+    def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
+        """Render the first surface of the pair, and return at once: the participant tries both until the answer."""
+        pair, self._ready = self._ready, None
+        if pair is None:
+            raise RuntimeError("no pair is watched before it was made ready")
+        self._pair = pair.model_copy(update={"laid_ns": self.lent.clock.now_ns()})
+        self.taps.touched.clear()
+        self._lay(self._pair, 0)
+        return Seen(self._pair, answerable_ns=self._pair.laid_ns)
+
+    @property
+    def keys(self) -> Mapping[str, str]:
+        """The key that changes to the other surface."""
+        return {self.lent.protocol.table(Tapping).switch_key: f"change to the {PLACES[1 - self._at]} surface"}
+
+    def press(self, key: str) -> None:  # noqa: ARG002
+        """Change to the other surface, and put that on record."""
+        if self._pair is None:
+            raise RuntimeError("no surface is changed before one was rendered")
+        self._lay(self._pair, 1 - self._at)
+        place, material = PLACES[self._at], self._pair.presented[self._at]
+        self.lent.log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
+        self.lent.show(f"The {place} surface is there now.")
+
+    def lacking(self) -> str:
+        left = self._untouched() if self.taps.renders else ""
+        return f"The participant has not tapped {left} yet." if left else ""
+
+    def _untouched(self) -> str:
+        left = [place for place in PLACES if place not in self.taps.touched]
+        return f"the {' and the '.join(left)} surface" if left else ""
+
+    def rest(self) -> str:
+        pair, self._pair = self._pair, None
+        if pair is None:
+            return ""
+        # Once everything fell silent, nobody at the desk has to wait for a tap that cannot come.
+        silent = "" if self.taps.renders else self._untouched()
+        self.taps.lay(None)
+        if self.taps.failed is not None:
+            return self.taps.failed.sentence()
+        return f"everything fell silent before {silent} was tapped" if silent else ""
+
+    def quiet(self, why: str) -> None:  # noqa: ARG002
+        # Without the lock of the taps, which a write may hold.
+        self.taps.servo.render(None)
+        self.taps.actuator.withdraw()
+
+    def beat(self, ends_ns: int) -> None:  # noqa: ARG002
+        self.taps.servo.beat()
+
+    def measured(self) -> Measured:
+        felt = self.taps.felt
+        if felt is None:
+            return Measured(too_fast=False, lamps=(Lamp(name="hand", good=False, words="no frame yet"),))
+        fast = self.taps.too_fast
+        words = f"faster than {self.lent.protocol.table(Tapping).fastest_mm_s:g} mm/s" if fast else "slow enough"
+        return Measured(
+            trace=felt.height_mm[-1:],
+            trace_unit="mm",
+            last=self.taps.last,
+            second=None if self._pair is None else self._at == 1,
+            too_fast=fast,
+            hand_mm=felt.height_mm[-1],
+            lamps=(Lamp(name="hand", good=not fast, words=words),),
+        )
+
+    def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
+        self.taps.reconnect()
+
+    def _lay(self, pair: PairLaidOut, place: int) -> None:
+        self._at, material = place, pair.presented[place]
+        rings = self.rings[material].scaled(self.lent.log.done.levels.get(pair.trial, 1.0))
+        self.taps.lay(Lying(pair.trial, pair.attempt, PLACES[place], material, rings))

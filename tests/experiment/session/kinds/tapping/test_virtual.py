@@ -1,0 +1,442 @@
+"""Virtual surfaces in a session: what lies there, what sounds at a touch, what goes on record, and what ends it."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+from syrupy.assertion import SnapshotAssertion
+
+from palpate.experiment.apparatus.servo.rendering import Felt, Touch
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.landing import LandingPredictor
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import PalpateError, ServoError
+from palpate.experiment.protocol.files import ProtocolFile, shipped
+from palpate.experiment.protocol.kinds.tapping import Tapping
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.records import transcript
+from palpate.experiment.records.entries import Answer, PlannedTrial, Redo
+from palpate.experiment.records.kinds.tapping import Changed, Place, Tapped
+from palpate.experiment.rehearsal.kinds.tapping import hand
+from palpate.experiment.session import attempt, exposure, runner
+from palpate.experiment.session.kind import Lent
+from palpate.experiment.session.kinds.tapping import taps, virtual
+from palpate.experiment.session.kinds.tapping.taps import Taps
+from palpate.experiment.session.kinds.tapping.virtual import PLACES
+from palpate.experiment.synthesis import tap
+from palpate.experiment.synthesis.contact.block import Block
+from tests.experiment.protocol.tapping import rendering
+from tests.experiment.session.bench import HEADER
+from tests.experiment.session.kinds.tapping.bench import contents
+from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole
+
+PROTOCOL = ProtocolFile.model_validate(rendering())
+PAIRS = (("felt", "tin"), ("cork", "cork"))
+ORDER = tuple(PlannedTrial(trial=n, presented=pair) for n, pair in enumerate(PAIRS, start=1))
+OWN = {"task": "live", "task_kind": "tapping", "design": "comparison"}
+ASKED = HEADER.model_copy(update={**OWN, "order": ORDER, "block_trials": len(ORDER)})
+CLOCK = ClockMap(0, START_NS)
+RATE_HZ = 5000
+
+One = TypeVar("One")
+
+
+Script = list[tuple[list[Felt | PalpateError], str]]
+
+
+class ScriptedServo:
+    """Implements `Servo`: the hand does what it is told while a question is open."""
+
+    def __init__(self) -> None:
+        self._told: deque[Felt | PalpateError] = deque()
+        self._some = threading.Condition()
+        self.rendered: list[Block | None] = []
+        self.ends_ns: set[int | None] = set()
+        self.reconnected = self.beats = 0
+
+    def is_live(self) -> bool:
+        return True
+
+    def render(self, block: Block | None, ends_ns: int = 0) -> None:
+        self.rendered.append(block)
+        self.ends_ns.add(ends_ns if block else None)
+
+    def beat(self) -> None:
+        self.beats += 1
+
+    def tell(self, what: Felt | PalpateError) -> None:
+        """Have the hand do something, and return once the session has dealt with it."""
+        with self._some:
+            self._told.append(what)
+            self._some.notify_all()
+            # The session reads again only once it has followed what came before.
+            self._some.wait_for(lambda: not self._told and self._asked, 5.0)
+
+    _asked = False
+
+    def read(self) -> Felt | None:
+        with self._some:
+            self._asked = True
+            self._some.notify_all()
+            self._some.wait_for(lambda: self._told, 0.05)
+            if not self._told:
+                return None
+            told, self._asked = self._told.popleft(), False
+            if isinstance(told, PalpateError):
+                self._asked = True
+                self._some.notify_all()
+                raise told
+            return told
+
+    def reconnect(self) -> None:
+        self.reconnected += 1
+
+    def stop(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def touch(speed_mm_s: float, us: int = 1_000_000, *, mean_mm_s: float = 0.0) -> Felt:
+    """A hand that falls straight to the face, touches it in the last of its samples, and is slow by then."""
+    times = tuple(range(us - 60_000, us, 1000))
+    heights = tuple((us - t) * 1e-6 * speed_mm_s for t in times)
+    return Felt(times, heights, (Touch(us - 1.0, speed_mm_s, mean_mm_s),), CLOCK, False)
+
+
+def samples(path: list[tuple[int, float]]) -> Felt:
+    """A read of times and heights, without a touch."""
+    return Felt(tuple(us for us, _ in path), tuple(mm for _, mm in path), (), CLOCK, False)
+
+
+begun: list[virtual.VirtualSurfaces] = []
+
+
+class Devices(virtual.SurfaceDevices):
+    def begin(self, lent: Lent) -> virtual.VirtualSurfaces:
+        begun[:] = [super().begin(lent)]
+        return begun[0]
+
+
+class Session:
+    """One session of virtual surfaces: at each question, what the hand does, and the key that follows."""
+
+    def __init__(self, script: Script, dataset: Path, *, lead_ns: int = 0, felt: tuple[Place, ...] = PLACES) -> None:
+        """Begin; the hand has been at the places `felt` before it does what the script says."""
+        clock = ManualClock(START_NS)
+        self.servo, self.actuator, self.dataset = ScriptedServo(), ScriptedActuator(), dataset
+        self.actuator.lead_ns = lead_ns
+        hands = deque(hand for hand, _ in script)
+        self.left: list[bool] = []
+        """Whether a block is there when each key is pressed."""
+
+        def tapping() -> None:
+            begun[0].taps.touched.update(felt)
+            for what in hands.popleft():
+                if isinstance(what, Felt):
+                    clock.sleep_ns(CLOCK.session_ns(what.device_us[-1]) - clock.now_ns())
+                self.servo.tell(what)
+            self.left.append(self.servo.rendered[-1] is not None)
+
+        self.desk = ScriptedConsole(clock, [key for _, key in script], before_ask=tapping)
+        surfaces = virtual.surfaces(PROTOCOL.table(Tapping))
+        devices = Devices(
+            servo=self.servo,
+            actuator=self.actuator,
+            rings={name: tap.rings(one, rate_hz=RATE_HZ, aluminum_m_s2=40.0) for name, one in surfaces.items()},
+            block=virtual.block(PROTOCOL.table(Tapping), tracker_hz=1000),
+            noise_mm=0.01,
+            opened=ExitStack(),
+        )
+        with devices.opened:
+            self.footer = runner.run(
+                protocol=PROTOCOL.model_copy(update={"tasks": (PROTOCOL.tasks[0].model_copy(update={"id": "live"}),)}),
+                header=ASKED,
+                devices=attempt.Devices(kind=devices, console=self.desk, clock=clock, masker=None, reconnect_s=1.0),
+                rig_file=shipped("rigs/rehearsal.toml"),
+                dataset=dataset,
+            )
+
+    def entries(self, kind: type[One]) -> list[One]:
+        return [one for one in contents(self.dataset).entries if isinstance(one, kind)]
+
+
+def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(
+    tmp_path: Path, approved: SnapshotAssertion
+) -> None:
+    script: Script = [
+        ([touch(100.0)], "s"),
+        ([touch(150.0, 2_000_000)], "s"),
+        ([touch(120.0, 3_000_000)], "1"),
+        ([touch(110.0, 4_000_000, mean_mm_s=176.0)], "2"),
+    ]
+    session = Session(script, tmp_path)
+    changed = [(one.trial, one.place, one.material) for one in session.entries(Changed)]
+    assert changed == [(1, "second", "tin"), (1, "first", "felt")]
+    tapped = session.entries(Tapped)
+    assert [(one.trial, one.place, one.material) for one in tapped] == [
+        (1, "first", "felt"),
+        (1, "second", "tin"),
+        (1, "first", "felt"),
+        (2, "first", "cork"),
+    ]
+    assert [one.speed_mm_s for one in tapped] == pytest.approx([100.0, 150.0, 120.0, 110.0], rel=0.01)
+    assert [one.fast for one in tapped] == [False, False, False, True]
+    assert [one.onset.contact_ns - START_NS for one in tapped] == [n * 10**9 - 1000 for n in range(1, 5)]
+    # Equations (1) and (2), written out: L times the full amplitude at 0.2 m/s, and B = 100 /s.
+    t = np.arange(session.actuator.played[0].size) / RATE_HZ
+    for played, one, (hz, part) in zip(
+        session.actuator.played, tapped, [(60.0, 0.1), (900.0, 0.5), (60.0, 0.1), (200.0, 0.2)], strict=True
+    ):
+        wanted = 40.0 * part * one.speed_mm_s / 200.0 * np.exp(-100.0 * t) * np.sin(2 * np.pi * hz * t)
+        assert np.allclose(played, wanted, rtol=1e-9, atol=1e-12)
+    assert [one.answered for one in session.entries(Answer)] == ["first", "second"]
+    told = transcript.text(contents(tmp_path))
+    lines = [line.partition("trial ")[2] for line in told.splitlines()]
+    assert [line for line in lines if "changed" in line or "tapped" in line] == approved
+
+
+def test_no_answer_is_taken_before_both_surfaces_were_tapped(tmp_path: Path, approved: SnapshotAssertion) -> None:
+    script: Script = [
+        ([touch(100.0)], "1"),
+        ([], "s"),
+        ([touch(100.0, 2_000_000)], "1"),
+        ([], "2"),
+        ([ServoError("force device: gone")], "2"),
+        ([], "="),
+    ]
+    session = Session(script, tmp_path, felt=())
+    assert [said for said in session.desk.shown if "has not tapped" in said] == approved
+    assert [(one.trial, one.answered) for one in session.entries(Answer)] == [(1, "first")]
+    # Where nothing can be felt any more, any answer is taken, and the trial comes again.
+    assert [one.reason for one in session.entries(Redo)] == approved(name="redone")
+
+
+def test_a_vibration_is_aimed_at_the_touch_that_is_predicted_and_at_none_that_does_not_come(tmp_path: Path) -> None:
+    """110 mm/s, straight, from 10 mm above the face; then the same until 1.5 mm above it, and back."""
+    begin_us, speed = 200_000_000, 110.0
+    touch_us = begin_us + 10.0 / speed * 1e6
+    down = [(us, 10.0 - (us - begin_us) * 1e-6 * speed) for us in range(begin_us, int(touch_us) + 3000, 1000)]
+    reads = [samples(down[n : n + 4]) for n in range(0, len(down), 4)]
+    last = reads[-1]
+    reads[-1] = Felt(last.device_us, last.height_mm, (Touch(touch_us, speed, speed),), CLOCK, False)
+    turned = [(us + 10**6, mm) for us, mm in down if mm > 1.5]
+    turned += [(turned[-1][0] + n * 1000, turned[-1][1] + n * 0.1) for n in range(1, 60)]
+    back = [samples(turned[n : n + 4]) for n in range(0, len(turned), 4)]
+    session = Session([([*reads], "s"), ([*back], "1"), ([], "2")], tmp_path, lead_ns=5_000_000)
+    (tapped,) = session.entries(Tapped)
+    assert tapped.onset.prediction_error_ms == pytest.approx(0.0, abs=0.1)
+    assert tapped.onset.scheduled_ns == pytest.approx(CLOCK.session_ns(touch_us), abs=100_000)
+    assert len(session.actuator.played) == 1
+    assert session.actuator.withdrawn >= 1
+
+
+def sped_up(before_us: int) -> list[Felt | PalpateError]:
+    """A hand that falls straight at 110 mm/s, and so long before its touch at 140; read every 2 ms."""
+    begin_us, turn_us = 200_000_000, 200_000_000 + 10_000_000 // 110 - before_us
+    turn_mm = before_us * 0.110e-3
+    touch_us = turn_us + turn_mm / 0.140e-3
+    down = [
+        (us, turn_mm - (us - turn_us) * (0.110e-3 if us < turn_us else 0.140e-3))
+        for us in range(begin_us, int(touch_us) + 3000, 400)
+    ]
+    reads = [samples(down[n : n + 5]) for n in range(0, len(down), 5)]
+    return [*reads[:-1], replace(reads[-1], touches=(Touch(touch_us, 140.0, 140.0),))]
+
+
+def test_a_vibration_is_made_anew_for_another_speed_while_there_is_time(tmp_path: Path) -> None:
+    session = Session([(sped_up(20_000), "1"), ([], "2")], tmp_path, lead_ns=5_000_000)
+    made = [onsets for onsets in session.actuator.aimed if onsets]
+    assert len(made) > 1
+    (tapped,) = session.entries(Tapped)
+    assert tapped.onset.scheduled_ns == made[-1][-1]
+
+
+def test_a_vibration_that_is_aimed_is_not_made_anew_where_the_new_one_would_come_late(tmp_path: Path) -> None:
+    session = Session([(sped_up(6_000), "1"), ([], "2")], tmp_path, lead_ns=5_000_000)
+    (onsets,) = session.actuator.aimed
+    (tapped,) = session.entries(Tapped)
+    assert tapped.onset.scheduled_ns == onsets[-1]
+
+
+def test_a_vibration_that_has_begun_is_not_made_a_second_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its touch was predicted too soon, so that it sounds while the hand still falls."""
+
+    def aim(actuator: ScriptedActuator, onset_ns: int) -> bool:
+        actuator.aimed[-1].append(onset_ns)
+        return len(actuator.aimed[-1]) == 1
+
+    monkeypatch.setattr(ScriptedActuator, "aim", aim)
+    session = Session([(sped_up(20_000), "1"), ([], "2")], tmp_path, lead_ns=5_000_000)
+    (onsets,) = session.actuator.aimed
+    (tapped,) = session.entries(Tapped)
+    assert tapped.onset.scheduled_ns == onsets[0]
+
+
+@pytest.mark.parametrize("speed_mm_s", [60.0, 110.0, 150.0, 200.0])
+def test_a_tap_from_rest_is_predicted_before_it_is_too_late_to_aim(speed_mm_s: float) -> None:
+    """By a smooth reach, 9 ms before its touch, to half a millisecond: a step's slower filter was 4 ms late."""
+    path = hand.tap(np.random.default_rng(1), speed_mm_s)
+    times = np.arange(0.0, 400_000 + path.contact_us - 9_000, 400.0)
+    heights = path.at(times - 400_000) + np.random.default_rng(2).normal(0.0, 0.005, times.size)
+    step = Step(gate_top_mm=taps.FROM_MM, gate_bottom_mm=1.0, contact_mm=0.0)
+    predictor = LandingPredictor(step, noise_mm=0.005, wander_mm=taps.WANDER_MM)
+    state = predictor.init()
+    for us, mm in zip(times, heights, strict=True):
+        state = predictor.step(state, int(us), float(mm))
+    assert state is not None
+    landing = predictor.landing(state)
+    assert landing is not None
+    assert landing.us - 400_000 == pytest.approx(path.contact_us, abs=500)
+
+
+def test_a_block_is_there_for_practice_and_then_only_while_a_question_is_open(tmp_path: Path) -> None:
+    session = Session([([], "1"), ([], "2")], tmp_path)
+    # At its end the session takes away what may be there.
+    assert [one is not None for one in session.servo.rendered] == [True, True, False, True, False, False]
+    assert session.footer.reason == "complete"
+
+
+def test_no_block_is_left_once_the_session_is_over(tmp_path: Path) -> None:
+    """The question stays open; what pushes does not."""
+    over_us = round(PROTOCOL.exposure.session_min * 60e6) + 1_000_000
+    session = Session([([touch(100.0, over_us)], "1")], tmp_path)
+    assert session.left == [False]
+    assert all(one is None for one in session.servo.rendered[2:])
+    assert (session.footer.reason, session.footer.answered) == ("paused", 1)
+    assert not session.actuator.played
+
+
+def test_an_answer_to_a_surface_that_could_not_be_tapped_any_more_does_not_count(tmp_path: Path) -> None:
+    over_us = round(PROTOCOL.exposure.session_min * 60e6) + 1_000_000
+    session = Session([([touch(100.0, over_us)], "1")], tmp_path, felt=("first",))
+    assert (session.footer.reason, session.footer.answered) == ("paused", 0)
+    (redo,) = session.entries(Redo)
+    assert (redo.trial, redo.put_off) == (1, True)
+
+
+def test_each_block_carries_the_end_of_the_session(tmp_path: Path) -> None:
+    session = Session([([], "1"), ([], "2")], tmp_path)
+    assert session.servo.ends_ns == {START_NS + round(PROTOCOL.exposure.session_min * 60e9), None}
+
+
+def test_quiet_takes_block_and_vibration_away_whatever_the_disk_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tap's entry is being written, under the taps' lock, when the session has to be silent."""
+    writes, freed = threading.Event(), threading.Event()
+    write, rendered, withdrawn = runner.SessionLog.write, [], list[bool]()
+
+    def hangs(log: runner.SessionLog, entry: Any) -> None:
+        if isinstance(entry, Tapped):
+            writes.set()
+            assert freed.wait(60.0)
+        write(log, entry)
+
+    def withdraw() -> bool:
+        withdrawn.append(True)
+        return True
+
+    def silenced() -> None:
+        assert writes.wait(60.0)
+        vars(begun[0].taps.actuator)["withdraw"] = withdraw
+        begun[0].quiet("by the experimenter")
+        begun[0].beat(0)
+        rendered.append(begun[0].taps.servo.rendered[-1])  # type: ignore[attr-defined]
+        freed.set()
+
+    monkeypatch.setattr(runner.SessionLog, "write", hangs)
+    silencing = threading.Thread(target=silenced)
+    silencing.start()
+    session = Session([([touch(100.0)], "1"), ([], "2")], tmp_path)
+    silencing.join()
+    assert rendered == [None]
+    assert withdrawn
+    assert session.servo.beats == 1
+
+
+def test_a_failure_leaves_no_block(tmp_path: Path) -> None:
+    stood = ServoError("the session stood still for 5.2 s")
+    session = Session([([stood], "1"), ([], "2"), ([], "1")], tmp_path)
+    # For practice, laid and taken away as it failed and after the answer; for two trials more; and at the end.
+    there = [one is not None for one in session.servo.rendered]
+    assert there == [True, True, False, False, True, False, True, False, False]
+    (redo,) = session.entries(Redo)
+    assert (redo.trial, redo.reason, redo.put_off) == (1, str(stood), True)
+
+
+def test_a_touch_that_is_read_late_sounds_nothing_and_its_trial_comes_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In real time alone: simulated time does not pass by itself."""
+    late = replace(touch(100.0), clock=ClockMap(0, START_NS - taps.LATE_NS - 10_000_000))
+    assert not Session([([late], "1"), ([], "2")], tmp_path / "simulated").entries(Redo)
+    monkeypatch.setattr(exposure.Exposed, "begin", lambda _self, _kind: None)
+    monkeypatch.setattr(ManualClock, "simulated", False)
+    session = Session([([late], "1"), ([], "2"), ([], "1")], tmp_path / "real")
+    assert not session.actuator.played
+    (redo,) = session.entries(Redo)
+    assert (redo.trial, redo.put_off) == (1, True)
+
+
+def test_a_touch_while_no_question_is_open_sounds_nothing(tmp_path: Path) -> None:
+    session = Session([([], "1"), ([touch(100.0)], "2")], tmp_path)
+    assert len(session.actuator.played) == len(session.entries(Tapped)) == 1
+
+
+def test_a_servo_that_fails_puts_the_trial_off_whatever_was_answered(
+    tmp_path: Path, approved: SnapshotAssertion
+) -> None:
+    script: Script = [
+        ([touch(100.0), ServoError("force device at x: no answer for 30 ms")], "1"),
+        ([touch(100.0, 2_000_000)], "2"),
+        ([touch(100.0, 3_000_000)], "1"),
+    ]
+    session = Session(script, tmp_path)
+    (redo,) = session.entries(Redo)
+    assert (redo.trial, redo.put_off) == (1, True)
+    assert [redo.reason, *session.desk.shown] == approved
+    assert session.servo.reconnected == 1
+    assert [(one.trial, one.answered) for one in session.entries(Answer)] == [(2, "second"), (1, "first")]
+
+
+def test_a_session_ends_while_the_hand_rests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A read of a hand that rests may wait as long as it likes: the session's end stops it."""
+    freed = threading.Event()
+
+    def rests(servo: ScriptedServo) -> None:
+        assert freed.wait(60.0), "not stopped"
+
+    monkeypatch.setattr(ScriptedServo, "read", rests)
+    monkeypatch.setattr(ScriptedServo, "stop", lambda _servo: freed.set())
+    assert Session([([], "1"), ([], "2")], tmp_path).footer.reason == "complete"
+    assert freed.is_set()
+
+
+def test_the_lamp_stays_lit_for_half_a_second() -> None:
+    clock, servo = ManualClock(START_NS), ScriptedServo()
+    unused: Any = None
+    limits: Any = SimpleNamespace(ends_ns=START_NS, over=lambda: "")
+    following = Taps(
+        servo=servo,
+        actuator=ScriptedActuator(),
+        block=virtual.block(PROTOCOL.table(Tapping), tracker_hz=1000),
+        noise_mm=0.01,
+        lent=Lent(protocol=PROTOCOL, header=ASKED, console=unused, clock=clock, log=unused, limits=limits),
+    )
+    lit = [following.too_fast]
+    for fast, passes_ns in ((False, 0), (True, 0), (False, 499_000_000), (False, 1_000_000)):
+        clock.sleep_ns(passes_ns)
+        servo.tell(replace(samples([(0, 50.0)]), fast=fast))
+        lit.append(following.too_fast)
+    following.close()
+    assert lit == [False, False, True, True, False]
