@@ -147,7 +147,7 @@ def test_every_kind_of_trial_and_every_design_supplies_all_that_one_is_asked_for
     for task in (SimpleNamespace(design=name) for name in designs.NAMES):
         assert design_of(task.design).intervals
         assert design_words(cast("Any", task))
-        assert judge_of(cast("Any", task))
+        assert callable(judge_of(cast("Any", task)))
         assert set(export.columns_of(named(task.design).name)) > {"exclusions.csv"}
 
 
