@@ -425,7 +425,7 @@ def test_a_session_ends_while_the_hand_rests(tmp_path: Path, monkeypatch: pytest
 def test_the_lamp_stays_lit_for_half_a_second() -> None:
     clock, servo = ManualClock(START_NS), ScriptedServo()
     unused: Any = None
-    limits: Any = SimpleNamespace(ends_ns=START_NS, over=lambda: "")
+    limits: Any = SimpleNamespace(ends_ns=START_NS, end_reason=lambda: "")
     following = Taps(
         servo=servo,
         actuator=ScriptedActuator(),
