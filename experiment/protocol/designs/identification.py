@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from palpate.experiment.protocol.designs import SEVERAL, TWO, Meaning, PlannableTest, ProtocolDesign
 from palpate.experiment.protocol.kinds import table_at, tables_at
-from palpate.experiment.protocol.models import Protocol, Task
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.load import Broken, Table
 
 CHOSEN, HOLM = {"materials": 6}, {"correction": 6}
@@ -52,17 +52,12 @@ def _spoken(material: str, said: str) -> str:
     return material if said == material else f"{material} ('{said}')"
 
 
-def _presents(protocol: Protocol, task: Task) -> str:
-    count = len(protocol.materials_of(task))
-    return f"{count} material{'s' if count != 1 else ''}"
-
-
 DESIGN = ProtocolDesign(
     intervals=1,
     tests=TESTS,
     rules=_rules,
     answers=_answers,
-    presents=_presents,
+    presents=lambda protocol, task: f"{(n := len(protocol.materials_of(task)))} material{'' if n == 1 else 's'}",
     right=lambda _, presented, answered: answered == presented[0],
     shown=lambda protocol: tuple(material.spoken[0] for material in protocol.materials),
 )
