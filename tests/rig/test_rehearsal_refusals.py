@@ -23,7 +23,7 @@ from palpate.experiment.errors import DatasetError, Interrupted, JournalError, P
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.rehearsal import session, study
-from palpate.experiment.rehearsal.kinds.footstep import participant
+from palpate.experiment.rehearsal.kinds.footstep import participant, recorded_takes
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from tests.approved import Refuses
 from tests.rig.faults import Faults
@@ -144,7 +144,7 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
 def test_of_two_that_make_one_folder_at_once_the_later_is_refused_and_takes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuses: Refuses
 ) -> None:
-    out, make = tmp_path / "made", participant.make_recordings
+    out, make = tmp_path / "made", recorded_takes.make_recordings
 
     def making(*at: Path, **what: Any) -> object:
         with monkeypatch.context() as within:
