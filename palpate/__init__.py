@@ -10,7 +10,7 @@ import os
 
 __all__ = ["audit", "compare", "contact", "crinkle", "identify", "power", "read", "spectrum"]
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _here = os.path.dirname(os.path.abspath(__file__))  # noqa: PTH100, PTH120
 if not os.path.isdir(os.path.join(_here, "experiment", "shipped")):  # noqa: PTH112, PTH118
