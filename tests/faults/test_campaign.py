@@ -28,7 +28,7 @@ def test_every_fault_is_survived(part: str) -> None:
 def test_a_planted_fault_fits_the_source_as_it_is(patch: Patch, repository_root: Path) -> None:
     source = (repository_root / patch.file).read_text("utf-8")
     assert source.count(patch.old) == 1
-    # A name that is gone would fail in a test of anything, and so be caught by none that makes the promise.
+    # A bare name that is gone would fail in a test of anything, and be caught by none that makes the promise.
     undefined = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", "F821", "-"]
     patched = source.replace(patch.old, patch.new).encode()
     assert (

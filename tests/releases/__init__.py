@@ -7,6 +7,8 @@ from pathlib import Path
 
 FOLDER = Path(__file__).parent
 
+RELEASES = ("0.2.0",)
+
 TRIALS = "trials.csv"
 """Beside each dataset: its trials, as the version that wrote it read them."""
 

@@ -38,6 +38,8 @@ def protocol(name: str, folder: Path) -> Path:
         return leveled.written(folder, leveled.tapping())
     text = shipped(f"{name}.toml").read_text("utf-8")
     for part, instead in SMALLER[name].items():
+        if part not in text:
+            sys.exit(f"{name}: there is no {part!r} to make smaller")
         text = text.replace(part, instead)
     file = folder / f"{name}.toml"
     file.write_text(text, "utf-8")
@@ -58,24 +60,25 @@ def main() -> None:
     release = FOLDER / palpate.__version__
     if release.exists():
         sys.exit(f"{release} is there; a release is made once")
-    for name, rig in RIGS.items():
-        (release / name).mkdir(parents=True)
-        with tempfile.TemporaryDirectory() as made:
-            folder = Path(made)
+    with tempfile.TemporaryDirectory() as made:
+        for name, rig in RIGS.items():
+            folder, kept = Path(made) / name, Path(made) / "release" / name
+            folder.mkdir()
+            kept.mkdir(parents=True)
             file = seal(protocol(name, folder))
             for one in (file, approval.seal_path(file)):
-                shutil.copy(one, release / name)
+                shutil.copy(one, kept)
             root = study.rehearse(
                 protocol_file=file,
                 rig_file=shipped(rig),
-                out=folder / "dataset",
+                out=kept / "dataset",
                 participants=PARTICIPANTS,
                 seed=1,
             )
             for empty in root.rglob(".*.lock"):
                 empty.unlink()
-            shutil.copytree(root, release / name / "dataset")
-        palpate.read(release / name / "dataset").attempts.to_csv(release / name / TRIALS, index=False)
+            palpate.read(root).attempts.to_csv(kept / TRIALS, index=False)
+        shutil.copytree(Path(made) / "release", release)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from itertools import product
 from pathlib import Path
 
 import pandas as pd
@@ -11,9 +12,9 @@ import pytest
 import palpate
 from palpate.experiment.dataset import build, verify
 from palpate.experiment.protocol import approval, files
-from tests.releases import APPROVED_ON, EXPIRES_ON, FOLDER, RIGS, TRIALS
+from tests.releases import APPROVED_ON, EXPIRES_ON, FOLDER, RELEASES, RIGS, TRIALS
 
-ARCHIVED = sorted(path.parent for path in FOLDER.glob(f"*/*/{TRIALS}"))
+ARCHIVED = sorted(path.parent for path in FOLDER.glob("*/*/*.seal.toml"))
 
 
 def cells(path: Path) -> pd.DataFrame:
@@ -21,8 +22,9 @@ def cells(path: Path) -> pd.DataFrame:
     return pd.read_csv(path, sep="\t", dtype=str, keep_default_na=False)
 
 
-def test_this_version_and_every_kind_of_dataset_of_it_are_archived() -> None:
-    assert {path.name for path in ARCHIVED if path.parent.name == palpate.__version__} == set(RIGS)
+def test_every_release_and_each_of_its_datasets_are_archived() -> None:
+    assert palpate.__version__ in RELEASES
+    assert {(path.parent.name, path.name) for path in ARCHIVED} == set(product(RELEASES, RIGS))
 
 
 @pytest.mark.parametrize("archived", ARCHIVED, ids=lambda path: f"{path.parent.name}-{path.name}")

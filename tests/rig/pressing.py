@@ -44,8 +44,9 @@ def rendered(servo: ServoProcess, block: Block) -> Iterator[Callable[[], bool]]:
             servo.beat()
 
     def was_late() -> bool:
-        gaps_ns = np.diff([*beaten_ns, monotonic_ns()])
-        return bool(gaps_ns.max() > HEARTBEAT_NS)
+        # A heartbeat that failed ended its thread, and is no fault of the machine.
+        gaps_ns = np.diff([*beaten_ns, monotonic_ns()] if beats.is_alive() else beaten_ns)
+        return bool(gaps_ns.max(initial=0) > HEARTBEAT_NS)
 
     servo.render(block, MonotonicClock().now_ns() + LASTS_NS)
     servo.beat()

@@ -175,13 +175,13 @@ def test_a_force_device_that_stands_still_is_not_taken_for_one_that_is_back() ->
     ids=["session", "servo", "tracker"],
 )
 def test_force_is_zero_within_2_ms_of(fails: Fails, by: set[int], tmp_path: Path) -> None:
-    late_ms = []
+    late_ms, pressed = [], 0
     for n in range(MOST_TRIES):
         at_ns, pushes = pressed_until(fails, tmp_path / f"{n}.bin", press())
         assert max((push.out_n for push in pushes), default=0.0) <= 3.0
         if not any(push.out_n > 0 for push in pushes):
             continue
-        last = last_push(pushes)
+        last, pressed = last_push(pushes), pressed + 1
         recent = [push.at_ns for push in pushes if 0 <= at_ns - push.at_ns < RECENT_NS]
         stalled = not recent or max(np.diff(recent), default=STALLED_NS) >= STALLED_NS
         if stalled or pushes[last].at_ns < at_ns - STALLED_NS:
@@ -191,6 +191,7 @@ def test_force_is_zero_within_2_ms_of(fails: Fails, by: set[int], tmp_path: Path
         late_ms.append((pushes[last + 1].at_ns - at_ns) / 1e6)
         if late_ms[-1] <= WITHIN_MS or len(late_ms) == TRIES:
             break
+    assert pressed > 0, "no hand was ever pressed"
     # A machine that stalls for milliseconds all the time shows that force falls, and not how soon.
     assert min(late_ms, default=0.0) <= WITHIN_MS, late_ms
 

@@ -218,7 +218,7 @@ class Mixer:
         return self._taken(self._kept, frame, frames)
 
     def sent(self, frame: int, frames: int) -> Block:
-        """Return what left on the output that is kept, from a frame on, shape (frames,); `AudioError` as `kept`."""
+        """Return what left on the output that is kept from a frame on, shape (frames,). Raises as `heard_inputs`."""
         if self.layout.sent is None:
             raise AudioError(
                 "audio", "got a request for what was sent", "open it with one", allowed="where an output is kept"

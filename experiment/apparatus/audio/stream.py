@@ -448,7 +448,7 @@ class AudioStream:
         return self._mixer.heard_inputs(frame, frames)
 
     def sent(self, frame: int, frames: int) -> Block:
-        """Return what left on the output that is kept, once it has, shape (frames,); `AudioError` as `kept`."""
+        """Return what left on the output that is kept, once it has, shape (frames,); `AudioError` as `heard_inputs`."""
         self.wait(frame + frames)
         return self._mixer.sent(frame, frames)
 

@@ -70,7 +70,7 @@ class Block:
 
     @cached_property
     def ready(self) -> tuple[float, float, float, float, bool, bool, float, Carry, Carry]:
-        """`pulls`, the pushes along normal and face, `clamps`, `held`, and a nominal step and what it does to both."""
+        """`pulls`, pushes along normal and face, `clamps`, `is_rigid`, and a nominal step and what it does to both."""
         pushes = self.normal.push_m_s2, self.along.push_m_s2
         carried = carry(self.normal, self.nominal_s), carry(self.along, self.nominal_s)
         return *self.pulls, *pushes, self.clamps, self.is_rigid, self.nominal_s, *carried
