@@ -191,7 +191,7 @@ def test_force_is_zero_within_2_ms_of(fails: Fails, by: set[int], tmp_path: Path
         late_ms.append((pushes[last + 1].at_ns - at_ns) / 1e6)
         if late_ms[-1] <= WITHIN_MS or len(late_ms) == TRIES:
             break
-    assert pressed > 0, "no hand was ever pressed"
+    assert pressed > 0
     # A machine that stalls for milliseconds all the time shows that force falls, and not how soon.
     assert min(late_ms, default=0.0) <= WITHIN_MS, late_ms
 
