@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Actuator, Pedal, Tracker
-from palpate.experiment.apparatus.rig import REHEARSAL, AudioRig, Rig, response_table, tracker_of
+from palpate.experiment.apparatus.rig import REHEARSAL, AudioRig, Rig, needed, response_table, tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.settings import FRAMES
 from palpate.experiment.clock import Clock
@@ -24,14 +24,8 @@ if TYPE_CHECKING:
 
 def audio_of(rig: Rig) -> AudioRig:
     """Return the settings of the rig's audio device; `RigError` if the rig has none."""
-    if rig.audio is None:
-        raise RigError(
-            f"rig '{rig.rig.name}'",
-            "got no table [audio]",
-            Remedy("{} lists what this machine has", ("palpate", "devices"), suffices=False),
-            allowed="one, for masker and loopback need it",
-        )
-    return rig.audio
+    remedy = Remedy("{} lists what this machine has", ("palpate", "devices"), suffices=False)
+    return needed(rig, "audio", rig.audio, remedy, "for masker and loopback need it")
 
 
 def open_audio(

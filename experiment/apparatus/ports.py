@@ -14,8 +14,6 @@ from palpate.experiment.records.stimulus import Delivered
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.panel.conditioning import Played
-    from palpate.experiment.apparatus.servo.rendering import Felt
-    from palpate.experiment.synthesis.contact.block import Block
     from palpate.experiment.synthesis.waveforms import Waveform
 
 
@@ -91,34 +89,6 @@ class Actuator(Protocol):
 
         `contact_ns` is the latest session time of contact. Raises `ActuatorError` if the device cannot say.
         """
-
-    def close(self) -> None: ...
-
-
-class Servo(Protocol):
-    """What renders a block to the hand; one thread reads, and others may have another block rendered."""
-
-    def is_live(self) -> bool:
-        """Return whether the hand is followed and the block rendered, now; this waits for nothing."""
-
-    def render(self, block: Block | None, ends_ns: int = 0) -> None:
-        """Have the hand meet a block, None for none, once outside of it, until a session time, ns; it needs the
-        heartbeat.
-
-        Any thread may call this, which never waits.
-        """
-
-    def beat(self) -> None:
-        """Give a sign of life of the session: without one for 0.5 s the block is taken away, until it is asked for."""
-
-    def read(self) -> Felt | None:
-        """Return what the hand did since the read before; None if nothing came. Raises `ServoError` once it is gone."""
-
-    def reconnect(self) -> None:
-        """Open it anew, with the same block. Raises `ServoError`."""
-
-    def stop(self) -> None:
-        """Have `read` wait for nothing any more, under whoever waits there; `close` still has to follow."""
 
     def close(self) -> None: ...
 
@@ -199,47 +169,3 @@ class Microphone(Protocol):
 
     def loudness(self) -> Loudness:
         """Return how loud it was in the last moments. Raises `AudioError` as `heard`."""
-
-
-@dataclass(frozen=True)
-class Window:
-    """A take as the accelerometer heard it.
-
-    Attributes:
-        samples_m_s2: from just before the vibration's beginning, m/s^2, shape (n,).
-        clipped: how many samples lie at or beyond full scale.
-    """
-
-    samples_m_s2: NDArray[np.float64]
-    clipped: int
-
-
-@dataclass(frozen=True)
-class Heard:
-    """What the accelerometer heard of a step. Times are the host's, ns.
-
-    Attributes:
-        window: the take; None if nothing shook the panel when it should have.
-        begun_ns: when the take's vibration reached the trigger level; None without one.
-        knock_ns: when that level was reached last before a take could begin; None if it was not.
-    """
-
-    window: Window | None
-    begun_ns: int | None = None
-    knock_ns: int | None = None
-
-
-class Accelerometer(Protocol):
-    """What measures the panel's vibration."""
-
-    @property
-    def rate_hz(self) -> int:
-        """Samples a second."""
-
-    def arm(self, samples: int) -> None:
-        """Listen from now on for a take of that length; return when samples come. Raises `RecordingError`."""
-
-    def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
-        """Return the take whose vibration begins between two times of the host's clock. Raises `RecordingError`."""
-
-    def close(self) -> None: ...

@@ -9,7 +9,7 @@ import hashlib
 from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, cast
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast
 
 import rfc8785
 from pydantic import Field, PrivateAttr
@@ -22,6 +22,8 @@ from palpate.experiment.errors import ProtocolError, Remedy, RigError
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.settings import load as files
 from palpate.experiment.settings.load import ONE_LINE, Address, Broken, Confined, Line, Name, Rules, port_rules
+
+Table = TypeVar("Table", bound=Confined)
 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
@@ -516,16 +518,20 @@ class Rig(Confined):
         return file if file.is_file() else None
 
 
+def needed(rig: Rig, name: str, table: Table | None, remedy: Remedy | str, why: str) -> Table:
+    """Return a table of a rig; `RigError` with what to do and why, if the rig has none."""
+    if table is None:
+        raise RigError(f"rig '{rig.rig.name}'", f"got no table [{name}]", remedy, allowed=f"one, {why}")
+    return table
+
+
 def tracker_of(rig: Rig) -> TrackerRig:
     """Return the settings of the rig's tracker; `RigError` if the rig has none."""
-    if rig.tracker is None:
-        raise RigError(
-            f"rig '{rig.rig.name}'",
-            "got no table [tracker]",
-            "name a rig file with a tracker, or add its table",
-            allowed="one, because this needs to know where the foot or the hand is",
-        )
-    return rig.tracker
+    remedy, why = (
+        "name a rig file with a tracker, or add its table",
+        "because this needs to know where the foot or the hand is",
+    )
+    return needed(rig, "tracker", rig.tracker, remedy, why)
 
 
 def load(path: Path) -> Rig:

@@ -17,6 +17,8 @@ from palpate.experiment.findings import shown
 from palpate.experiment.settings.characters import quoted
 
 if TYPE_CHECKING:
+    from palpate.experiment.apparatus.rig import Rig
+    from palpate.experiment.protocol.models import Protocol
     from palpate.experiment.protocol.new import NewStudy
 
 commands = options.room()
@@ -246,12 +248,11 @@ def check(
         raise
     today = day(wall_ns())
     state, seal = sealing.state(protocol_file, protocol, today)
-    told, refusal = "", None
+    told, refusal, screen = "", None, None
     if rig_file is not None:
-        from palpate.experiment.session.kind import examine_rig
-
-        told, refusal = examine_rig(protocol, rig_file, recordings, today)
-    screen = rigs.load(rig_file).screen if rig_file is not None else None
+        rig = rigs.load(rig_file)
+        told, refusal = _examine_rig(protocol, rig_file, rig, recordings, today)
+        screen = rig.screen
     words = screen.words.own if screen is not None and screen.words is not None else {}
     of_screen: list[blocks.Block] = []
     if words:
@@ -288,6 +289,28 @@ def check(
         if as_json:
             raise typer.Exit(refusal.exit_code)
         raise refusal
+
+
+def _examine_rig(
+    protocol: "Protocol", rig_file: Path, rig: "Rig", recordings: Path | None, today: date
+) -> tuple[str, PalpateError | None]:
+    """Return what the board reads of a rig for a study, and why it is refused for participants `today`, if it is."""
+    from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
+    from palpate.experiment.session.kind import session_kind
+
+    virtual, said = [task for task in protocol.tasks if task.stimulus == "virtual"], []
+    if not virtual:
+        return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
+    try:
+        refuse_unmeasured(rig_file, rig, today)
+        for kind in {session_kind(task): None for task in virtual}:
+            told, refusal = kind.examine(protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings)
+            said.append(told)
+            if refusal is not None:
+                return " ".join(said), refusal
+    except PalpateError as refused:
+        return "", refused
+    return " ".join(said), None
 
 
 @commands.command(

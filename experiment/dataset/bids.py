@@ -6,8 +6,7 @@ keys.
 
 import gzip
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -91,23 +90,6 @@ class PhysioColumn:
     description: str
     units: str
     decimals: int
-
-
-@contextmanager
-def new_dataset(out: Path) -> Iterator[Path]:
-    """Yield a folder that becomes `out` if the block succeeds. Raises `DatasetError` unless `out` can be made anew."""
-    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise DatasetError(
-            out,
-            "exists, and a dataset is never overwritten",
-            "choose another, or move it away",
-            allowed="a new or empty folder",
-        )
-    try:
-        with storage.new_folder(out) as partial:
-            yield partial
-    except OSError as error:
-        raise DatasetError(f"cannot make {out}: {error.strerror}", remedy="free the place or choose another") from error
 
 
 def write_files(files: Files) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.bids import write_files as write
-from palpate.experiment.dataset.reconstruction import STUDIES, check_study_id, check_texts
+from palpate.experiment.dataset.reconstruction import STUDIES, check_study_id, check_texts, new_dataset
 from palpate.experiment.dataset.trial_files import Layout, Row, Trials, read_trials
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import software
@@ -79,7 +79,7 @@ def import_trials(
     labels, kept = _labels(paths, layout, trials.rows)
     sessions = _sessions(trials.rows, layout)
     said = _sentences(trials, labels, layout, kept=kept)
-    with bids.new_dataset(out) as root:
+    with new_dataset(out) as root:
         text = _description(study, source, tuple(tasks.values()), said)
         files = bids.description(root, text)
         people = sorted(set(labels.values()), key=int)

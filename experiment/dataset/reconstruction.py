@@ -8,6 +8,7 @@ import re
 import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,6 +29,23 @@ MAX_COUNT = 10_000
 
 Counts = Mapping[int, Mapping[tuple[str, str], int]]
 """participant number -> (presented, answered) -> count"""
+
+
+@contextmanager
+def new_dataset(out: Path) -> Iterator[Path]:
+    """Yield a folder that becomes `out` if the block succeeds. Raises `DatasetError` unless `out` can be made anew."""
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise DatasetError(
+            out,
+            "exists, and a dataset is never overwritten",
+            "choose another, or move it away",
+            allowed="a new or empty folder",
+        )
+    try:
+        with storage.new_folder(out) as partial:
+            yield partial
+    except OSError as error:
+        raise DatasetError(f"cannot make {out}: {error.strerror}", remedy="free the place or choose another") from error
 
 
 def parse_task(text: str) -> tuple[str, Path]:
@@ -290,7 +308,7 @@ def import_counts(
         )
     numbers = sorted({number for table in tables.values() for number in table})
     labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}
-    with bids.new_dataset(out) as root:
+    with new_dataset(out) as root:
         people = ({"participant_id": f"sub-{labels[n]}"} for n in numbers)
         files = bids.description(root, _description(study, tables, software or this()))
         files |= bids.participants(root, people, origin=study.origin)

@@ -15,11 +15,14 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
+from typing import Annotated, Protocol
+
+from pydantic import Field, TypeAdapter, ValidationError
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.desk import messages
 from palpate.experiment.errors import LinkError
+from palpate.experiment.settings import characters
 
 TICK_S = 0.1
 """What is measured is told so often, s."""
@@ -35,6 +38,14 @@ BEAT_S = 0.5
 
 AWAY_S = 5.0
 """One that reads nothing for so long although something is there, as a process does that was stopped, is away, s."""
+
+
+_FROM_SESSION: TypeAdapter[messages.View | messages.Prompt | messages.Reply] = TypeAdapter(
+    Annotated[messages.View | messages.Prompt | messages.Reply, Field(discriminator="kind")]
+)
+_FROM_CONSOLE: TypeAdapter[messages.Hello | messages.Command] = TypeAdapter(
+    Annotated[messages.Hello | messages.Command, Field(discriminator="kind")]
+)
 
 
 def place(dataset: Path, participant: str) -> Path:
@@ -218,7 +229,7 @@ class Link:
             return
         for one in lines:
             try:
-                self._obey(peer, messages.from_console(bytes(one)))
+                self._obey(peer, from_console(bytes(one)))
             except LinkError:
                 self._drop(peer)
                 return
@@ -335,7 +346,7 @@ class Line:
             said, newline, rest = self._read.partition(b"\n")
             if newline:
                 self._read = rest
-                yield messages.from_session(bytes(said))
+                yield from_session(bytes(said))
                 continue
             try:
                 more = self._connection.recv(messages.LONGEST)
@@ -350,3 +361,26 @@ class Line:
         with suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
         self._connection.close()
+
+
+def from_session(text: bytes) -> messages.View | messages.Prompt | messages.Reply:
+    """Return what a line of a session says. Raises `LinkError`."""
+    try:
+        return _FROM_SESSION.validate_json(text)
+    except ValidationError as error:
+        raise _not_understood(text) from error
+
+
+def from_console(text: bytes) -> messages.Hello | messages.Command:
+    """Return what a line of a console says. Raises `LinkError`."""
+    try:
+        return _FROM_CONSOLE.validate_json(text)
+    except ValidationError as error:
+        raise _not_understood(text) from error
+
+
+def _not_understood(text: bytes) -> LinkError:
+    shown = characters.quoted(text.decode("utf-8", "replace"))
+    return LinkError(
+        "the session and its console do not understand one another", f"got {shown}", "use one version of palpate"
+    )

@@ -7,11 +7,9 @@ A session sends its whole `View` at every change, so that a later console is up 
 import time
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from palpate.experiment.errors import LinkError
 from palpate.experiment.protocol.rules import SOFTER_KEY
-from palpate.experiment.settings import characters
 
 LONGEST = 65_536
 """No message is longer, bytes."""
@@ -331,35 +329,6 @@ class Reply(Message):
     words: str
 
 
-_FROM_SESSION: TypeAdapter[View | Prompt | Reply] = TypeAdapter(
-    Annotated[View | Prompt | Reply, Field(discriminator="kind")]
-)
-_FROM_CONSOLE: TypeAdapter[Hello | Command] = TypeAdapter(Annotated[Hello | Command, Field(discriminator="kind")])
-
-
 def line(message: Message) -> bytes:
     """Return a message as its line."""
     return message.model_dump_json().encode() + b"\n"
-
-
-def from_session(text: bytes) -> View | Prompt | Reply:
-    """Return what a line of a session says. Raises `LinkError`."""
-    try:
-        return _FROM_SESSION.validate_json(text)
-    except ValidationError as error:
-        raise _not_understood(text) from error
-
-
-def from_console(text: bytes) -> Hello | Command:
-    """Return what a line of a console says. Raises `LinkError`."""
-    try:
-        return _FROM_CONSOLE.validate_json(text)
-    except ValidationError as error:
-        raise _not_understood(text) from error
-
-
-def _not_understood(text: bytes) -> LinkError:
-    shown = characters.quoted(text.decode("utf-8", "replace"))
-    return LinkError(
-        "the session and its console do not understand one another", f"got {shown}", "use one version of palpate"
-    )

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.io import wavfile
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus.ports import Window
+from palpate.experiment.apparatus.panel.accelerometer import Window
 from palpate.experiment.apparatus.tracker.zeroing import Zero
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.protocol import approval

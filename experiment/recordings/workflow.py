@@ -16,7 +16,8 @@ from typing import Protocol as Port
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
-from palpate.experiment.apparatus.ports import Accelerometer, Tracker, Window
+from palpate.experiment.apparatus.panel.accelerometer import Accelerometer, Window
+from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector

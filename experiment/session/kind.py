@@ -16,7 +16,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
-from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
@@ -314,23 +313,3 @@ def session_kind(task: Task) -> SessionKind:
     """Return the kind of a task; no other is imported."""
     module = f"palpate.experiment.session.kinds.{task.kind}.trials"
     return cast("SessionKind", import_module(module).KIND)
-
-
-def examine_rig(
-    protocol: StudyProtocol, rig_file: Path, recordings: Path | None, today: date
-) -> tuple[str, PalpateError | None]:
-    """Return what the board reads of a rig for a study, and why it is refused for participants `today`, if it is."""
-    rig, said = rigs.load(rig_file), []
-    virtual = [task for task in protocol.tasks if task.stimulus == "virtual"]
-    if not virtual:
-        return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
-    try:
-        import_module("palpate.experiment.apparatus.panel.validity").refuse_unmeasured(rig_file, rig, today)
-        for kind in {session_kind(task): None for task in virtual}:
-            told, refusal = kind.examine(protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings)
-            said.append(told)
-            if refusal is not None:
-                return " ".join(said), refusal
-    except PalpateError as refused:
-        return "", refused
-    return " ".join(said), None

@@ -20,7 +20,15 @@ from palpate.experiment.apparatus.rig import DOCTOR
 from palpate.experiment.clock import Clock, day, monotonic_ns
 from palpate.experiment.desk import interrupts, questions
 from palpate.experiment.desk.questions import INTERRUPTED, YES, Agree, Familiarise, Instructed, Notice, Silent
-from palpate.experiment.errors import JournalError, PalpateError, PauseAsked, Remedy, ScreenGone, TrackerStopped
+from palpate.experiment.errors import (
+    Finding,
+    JournalError,
+    PalpateError,
+    PauseAsked,
+    Remedy,
+    ScreenGone,
+    TrackerStopped,
+)
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, entries, journal
 from palpate.experiment.records.entries import Entry
@@ -377,7 +385,7 @@ class _Session:
             return over
         if self._attempts.undelivered >= MOST_UNDELIVERED:
             what = f"the stimulus was not delivered in {self._attempts.undelivered} attempts in a row"
-            return PalpateError(what, remedy=Remedy("run {}, then resume", DOCTOR)).sentence()
+            return Finding(what, remedy=Remedy("run {}, then resume", DOCTOR)).sentence()
         if begun[trial] == MOST_ATTEMPTS:
             return f"trial {trial} was begun {MOST_ATTEMPTS} times; see to the rig, then go on"
         return ""

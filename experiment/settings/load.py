@@ -153,19 +153,16 @@ class Confined(BaseModel):
 
 def younger(model: Confined, number: int, at: Place = ()) -> Iterator[Place]:
     """Yield the path of each key that came after the format `number`: `Field(json_schema_extra={"since": 3})`."""
-    for name, field in type(model).model_fields.items():
-        extra = field.json_schema_extra
+    for name, value in model:
+        extra = type(model).model_fields[name].json_schema_extra
         if isinstance(extra, dict) and cast("int", extra.get("since", 0)) > number:
             yield (*at, name)
-            continue
-        value = getattr(model, name)
-        for inner, place in ((value, (*at, name)), *((one, (*at, name, i)) for i, one in _numbered(value))):
-            if isinstance(inner, Confined):
-                yield from younger(inner, number, place)
-
-
-def _numbered(value: object) -> Iterable[tuple[int, object]]:
-    return enumerate(value) if isinstance(value, tuple) else ()
+        elif isinstance(value, Confined):
+            yield from younger(value, number, (*at, name))
+        elif isinstance(value, tuple):
+            for i, one in enumerate(value):
+                if isinstance(one, Confined):
+                    yield from younger(one, number, (*at, name, i))
 
 
 Model = TypeVar("Model", bound=Confined)
@@ -213,10 +210,11 @@ def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], str]:
 def checked(path: Path, model: type[Model], document: Mapping[str, Any], text: str = "") -> Model:
     """Return a parsed document as a `model`. Raises `ProtocolError` with all problems, on their lines in `text`."""
     frozen = _frozen(document)
-    # A file without mistakes needs no lines.
-    if find(model, frozen, {}):
-        raise ProtocolError.in_file(path, find(model, frozen, locate(text)))
-    return model.model_validate(model.renewed(frozen))
+    try:
+        return model.model_validate(model.renewed(frozen))
+    except ValidationError:
+        # A file without mistakes needs no lines.
+        raise ProtocolError.in_file(path, find(model, frozen, locate(text))) from None
 
 
 def _text(path: Path, most: int) -> str:

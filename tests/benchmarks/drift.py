@@ -17,9 +17,9 @@ from scipy import signal
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import calibration, drift, measured
+from palpate.experiment.apparatus.panel.accelerometer import Window
 from palpate.experiment.apparatus.panel.calibration import Calibration, Devices
 from palpate.experiment.apparatus.panel.movement import Reference, read_reference
-from palpate.experiment.apparatus.ports import Window
 from palpate.experiment.apparatus.rig import MeasuredRig
 from palpate.experiment.findings import Verdict
 from palpate.experiment.protocol.files import shipped

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import calibration, multisine
+from palpate.experiment.apparatus.panel.accelerometer import Window
 from palpate.experiment.apparatus.panel.calibration import Devices
-from palpate.experiment.apparatus.ports import Window
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RecordingError, RigError

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.experiment.apparatus.panel import accelerometer as ports
-from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer
-from palpate.experiment.apparatus.ports import Heard
+from palpate.experiment.apparatus.panel.accelerometer import Heard, PcmAccelerometer
 from palpate.experiment.apparatus.rig import AccelerometerRig
 from palpate.experiment.clock import Clock, ManualClock
 from palpate.experiment.errors import RecordingError

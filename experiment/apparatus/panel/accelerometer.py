@@ -8,14 +8,15 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.panel.pcm import PIECE_BYTES, SAMPLE, connect
-from palpate.experiment.apparatus.ports import Accelerometer, Heard, Window
-from palpate.experiment.apparatus.rig import REHEARSAL, AccelerometerRig, Rig
+from palpate.experiment.apparatus.rig import REHEARSAL, AccelerometerRig, Rig, needed
 from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.errors import RecordingError, RigError
 
@@ -30,6 +31,50 @@ BEFORE_S = 0.002
 
 RING_S = 10.0
 """How much is held besides a take, s: the slowest foot takes 2 s from gate to panel."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A take as the accelerometer heard it.
+
+    Attributes:
+        samples_m_s2: from just before the vibration's beginning, m/s^2, shape (n,).
+        clipped: how many samples lie at or beyond full scale.
+    """
+
+    samples_m_s2: NDArray[np.float64]
+    clipped: int
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What the accelerometer heard of a step. Times are the host's, ns.
+
+    Attributes:
+        window: the take; None if nothing shook the panel when it should have.
+        begun_ns: when the take's vibration reached the trigger level; None without one.
+        knock_ns: when that level was reached last before a take could begin; None if it was not.
+    """
+
+    window: Window | None
+    begun_ns: int | None = None
+    knock_ns: int | None = None
+
+
+class Accelerometer(Protocol):
+    """What measures the panel's vibration."""
+
+    @property
+    def rate_hz(self) -> int:
+        """Samples a second."""
+
+    def arm(self, samples: int) -> None:
+        """Listen from now on for a take of that length; return when samples come. Raises `RecordingError`."""
+
+    def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
+        """Return the take whose vibration begins between two times of the host's clock. Raises `RecordingError`."""
+
+    def close(self) -> None: ...
 
 
 class PcmAccelerometer:
@@ -233,14 +278,8 @@ class _Listening:
 
 def settings_of(rig: Rig) -> AccelerometerRig:
     """Return the settings of the rig's accelerometer; `RigError` if the rig has none."""
-    if rig.accelerometer is None:
-        raise RigError(
-            f"rig '{rig.rig.name}'",
-            "got no table [accelerometer]",
-            "add driver, address, rate_hz, full_scale_m_s2 and trigger_m_s2 to the rig file",
-            allowed="one, for recording needs it",
-        )
-    return rig.accelerometer
+    remedy = "add driver, address, rate_hz, full_scale_m_s2 and trigger_m_s2 to the rig file"
+    return needed(rig, "accelerometer", rig.accelerometer, remedy, "for recording needs it")
 
 
 def open_accelerometer(

@@ -25,12 +25,11 @@ from palpate.experiment.apparatus.audio import calibration as probing
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
 from palpate.experiment.apparatus.panel import measured, multisine
-from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer
+from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer, Window
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.measured import Figures
 from palpate.experiment.apparatus.panel.multisine import Estimate, Level
 from palpate.experiment.apparatus.panel.pcm import PcmActuator
-from palpate.experiment.apparatus.ports import Window
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import RecordingError, RigError

@@ -10,6 +10,7 @@ import subprocess
 import tempfile
 from contextlib import suppress
 from dataclasses import asdict
+from typing import Protocol
 
 import numpy as np
 
@@ -40,6 +41,34 @@ ANSWERS_MS = 150.0
 
 BEHIND = 1000
 """In simulated time the device may be so many messages behind."""
+
+
+class Servo(Protocol):
+    """What renders a block to the hand; one thread reads, and others may have another block rendered."""
+
+    def is_live(self) -> bool:
+        """Return whether the hand is followed and the block rendered, now; this waits for nothing."""
+
+    def render(self, block: Block | None, ends_ns: int = 0) -> None:
+        """Have the hand meet a block, None for none, once outside of it, until a session time, ns; it needs the
+        heartbeat.
+
+        Any thread may call this, which never waits.
+        """
+
+    def beat(self) -> None:
+        """Give a sign of life of the session: without one for 0.5 s the block is taken away, until it is asked for."""
+
+    def read(self) -> Felt | None:
+        """Return what the hand did since the read before; None if nothing came. Raises `ServoError` once it is gone."""
+
+    def reconnect(self) -> None:
+        """Open it anew, with the same block. Raises `ServoError`."""
+
+    def stop(self) -> None:
+        """Have `read` wait for nothing any more, under whoever waits there; `close` still has to follow."""
+
+    def close(self) -> None: ...
 
 
 class ServoProcess:

@@ -1,9 +1,8 @@
 """Opens the force device of a rig, and its tracker with it."""
 
 from palpate.experiment.apparatus.opening import open_tracker, simulated_only
-from palpate.experiment.apparatus.ports import Servo
-from palpate.experiment.apparatus.rig import REHEARSAL, Rig, tracker_of
-from palpate.experiment.apparatus.servo.link import ServoHere, ServoProcess
+from palpate.experiment.apparatus.rig import REHEARSAL, Rig, needed, tracker_of
+from palpate.experiment.apparatus.servo.link import Servo, ServoHere, ServoProcess
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
@@ -13,14 +12,8 @@ from palpate.experiment.errors import RigError
 
 def servo_of(rig: Rig) -> ServoRig:
     """Return the force device of a rig for virtual surfaces; `RigError` if it has none."""
-    if rig.servo is None:
-        raise RigError(
-            f"rig '{rig.rig.name}'",
-            "got no table [servo]",
-            "add driver, address, full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file",
-            allowed="one, for virtual surfaces need it",
-        )
-    return rig.servo
+    remedy = "add driver, address, full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file"
+    return needed(rig, "servo", rig.servo, remedy, "for virtual surfaces need it")
 
 
 def open_servo(

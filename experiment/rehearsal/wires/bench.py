@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
-from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer
+from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer, Window
 from palpate.experiment.apparatus.panel.calibration import Devices
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.pcm import PcmActuator
-from palpate.experiment.apparatus.ports import Window
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.desk import link
-from palpate.experiment.desk.link import Line, Link
+from palpate.experiment.desk.link import Line, Link, from_console
 from palpate.experiment.desk.messages import (
     Deed,
     Gauges,
@@ -30,7 +30,6 @@ from palpate.experiment.desk.messages import (
     Reply,
     TakeNote,
     View,
-    from_console,
     line,
 )
 from palpate.experiment.errors import LinkError

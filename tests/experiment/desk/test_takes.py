@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.apparatus.ports import Window
+from palpate.experiment.apparatus.panel.accelerometer import Window
 from palpate.experiment.desk.questions import Rest
 from palpate.experiment.desk.terminal import TerminalConsole, TerminalTakes
 from palpate.experiment.recordings.store import Condition

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.experiment.apparatus.ports import Heard, Tracker, Window
+from palpate.experiment.apparatus.panel.accelerometer import Heard, Window
+from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import GateDetector
 from palpate.experiment.clock import ManualClock

@@ -11,7 +11,8 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
-from palpate.experiment.apparatus.ports import Tracker, Window
+from palpate.experiment.apparatus.panel.accelerometer import Window
+from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.tracker import serial_tracker
 from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.clock import ManualClock

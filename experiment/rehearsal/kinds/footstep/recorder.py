@@ -11,7 +11,8 @@ from pathlib import Path
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
-from palpate.experiment.apparatus.ports import Accelerometer, Heard, Tracker
+from palpate.experiment.apparatus.panel.accelerometer import Accelerometer, Heard
+from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.panel.conditioning import Played
-from palpate.experiment.apparatus.ports import Actuator, Servo
+from palpate.experiment.apparatus.ports import Actuator
+from palpate.experiment.apparatus.servo.link import Servo
 from palpate.experiment.apparatus.servo.rendering import AGAIN_MM, Felt, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
-from palpate.experiment.apparatus.ports import Actuator, Servo
+from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.servo import settings
+from palpate.experiment.apparatus.servo.link import Servo
 from palpate.experiment.apparatus.servo.opening import open_servo, servo_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
