@@ -136,6 +136,13 @@ def test_a_function_has_a_name_that_says_what_it_gives_or_does() -> None:
     assert named == []
 
 
+def test_what_a_test_replaces_is_there(repository_root: Path) -> None:
+    """`mock.patch.object` and `monkeypatch` refuse a name that is gone; assigned to, it would be replaced in vain."""
+    assigned = re.compile(r'^\s*vars\(.*\)\["(?!__builtins__)\w+"\] = ', re.MULTILINE)
+    tests = [path for path in tracked_files("tests") if path.suffix == ".py"]
+    assert [path for path in tests if assigned.search((repository_root / path).read_text("utf-8"))] == []
+
+
 def test_every_kind_of_trial_and_every_design_supplies_all_that_one_is_asked_for() -> None:
     """A new one is a name in a list, and modules of that name."""
     for task in (SimpleNamespace(kind=name) for name in kinds.NAMES):

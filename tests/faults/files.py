@@ -29,6 +29,8 @@ from dataclasses import asdict, dataclass, replace
 from datetime import date, timedelta
 from functools import partial
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
 import pytest
 
@@ -471,16 +473,22 @@ def remembered(compute: Callable[..., object]) -> Callable[..., object]:
 
 def quickened() -> None:
     """What is computed from the same files is the same, and a rehearsal's tables are published as any others are."""
-    vars(numerics)["QUICK"] = replace(
+    quick = replace(
         numerics.QUICK, lengths=(250,), table_sizes=(8, 30), noise_s=(0.1,), budget_s=0.001, least_repeats=1, places=20
     )
+    mock.patch.object(numerics, "QUICK", quick).start()
     drawn = (figures, ("numerics", "diagrams", "budget")), (numerics_report, ("svg", "png"))
     for module, names in (simulate, ("run",)), (numerics, ("run",)), (played, ("arrays",)), *drawn:
-        vars(module).update({name: remembered(vars(module)[name]) for name in names})
+        for name in names:
+            mock.patch.object(module, name, remembered(vars(module)[name])).start()
     drawings, analysed = remembered(page.drawings), analysis.analysed
-    vars(page)["drawings"] = lambda sheets: drawings(sheets) if sheets else {}
-    vars(power_report)["plot"] = remembered(power_report.plot)
-    vars(analysis)["analysed"] = lambda *given, **named: "" if sys.argv[1] == "rehearse" else analysed(*given, **named)
+    mock.patch.object(page, "drawings", lambda sheets: drawings(sheets) if sheets else {}).start()
+    mock.patch.object(power_report, "plot", remembered(power_report.plot)).start()
+
+    def as_published(*given: Any, **named: Any) -> object:
+        return "" if sys.argv[1] == "rehearse" else analysed(*given, **named)
+
+    mock.patch.object(analysis, "analysed", as_published).start()
 
 
 def main() -> None:

@@ -28,6 +28,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
+from unittest import mock
 
 from palpate.experiment.records import chain
 from tests.faults.campaign import Count, Size
@@ -291,7 +292,8 @@ def work(folder: Path, first: int, step: int, last: int) -> None:
     temporary.mkdir(exist_ok=True)
     os.chdir(bench)
     tempfile.tempdir = str(temporary)
-    vars(os)["fsync"] = lambda _: None  # what is read back need not outlive a power cut
+    # What is read back need not outlive a power cut.
+    mock.patch.object(os, "fsync", new=bool).start()
     sys.stdin = Path(os.devnull).open(encoding="utf-8")  # noqa: SIM115
     run_here(["spectrum", "take.wav"])
     held = int(Path("/proc/self/statm").read_text("ascii").split()[0]) * resource.getpagesize()

@@ -27,6 +27,7 @@ from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self
+from unittest import mock
 
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
@@ -234,7 +235,7 @@ def _child(run: Callable[[], object]) -> NoReturn:
         faulthandler.enable()
         # From within `palpate.experiment.__main__`, which tells of an interrupt.
         command = import_module("palpate.experiment.cli.app")
-        vars(command)["main"] = partial(_interruptible, command.main)
+        mock.patch.object(command, "main", partial(_interruptible, command.main)).start()
         run()
         code = 0
     except SystemExit as end:

@@ -15,6 +15,7 @@ from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from itertools import count
 from typing import Any
+from unittest import mock
 
 from palpate.experiment.cli import options
 from palpate.experiment.desk.questions import Console
@@ -67,12 +68,12 @@ def signalling(number: int) -> Callable[..., object]:
 
 
 if __name__ in ("__main__", "__mp_main__"):
-    vars(session)["rehearse_participant"] = halting
+    mock.patch.object(session, "rehearse_participant", halting).start()
 
 if __name__ == "__main__":
     from palpate.experiment.cli import app
 
-    vars(session)["wait"] = signalling(int(sys.argv[1]))
-    vars(options)["progress"] = counting(int(sys.argv[2]))
+    mock.patch.object(session, "wait", signalling(int(sys.argv[1]))).start()
+    mock.patch.object(options, "progress", counting(int(sys.argv[2]))).start()
     sys.argv[1:] = sys.argv[3:]
     app.main()

@@ -18,10 +18,12 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
+from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
@@ -91,12 +93,13 @@ def give(folder: Path, words: tuple[str, ...], port: str, pedal: str, terminal: 
         own, clock = tracked(self, opened)
         return port or own, clock
 
-    vars(session)["ForceDeviceProcess"] = lambda: force_device.ForceDeviceProcess(pushes_file(folder))
+    recorded = partial(force_device.ForceDeviceProcess, pushes_file(folder))
+    mock.patch.object(force_device, "ForceDeviceProcess", recorded).start()
     # It is no worker here: a signal is for the session to take.
-    vars(interrupts)["multiprocessing"] = SimpleNamespace(parent_process=lambda: None)
-    session.SimulatedEnds.pedal = lambda *_: pedal  # type: ignore[method-assign]
-    sound_card.SoundCard.__init__ = card  # type: ignore[method-assign]
-    session.SimulatedEnds.tracker = tracker  # type: ignore[method-assign]
+    mock.patch.object(interrupts, "multiprocessing", SimpleNamespace(parent_process=lambda: None)).start()
+    mock.patch.object(session.SimulatedEnds, "pedal", return_value=pedal).start()
+    mock.patch.object(session.SimulatedEnds, "tracker", tracker).start()
+    mock.patch.object(sound_card.SoundCard, "__init__", card).start()
     visited.give_command(folder, words, simulated=False, terminal=terminal)
 
 

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 from palpate.experiment.rehearsal.session import Job, SimulatedEnds
 from palpate.experiment.session import laboratory, run
@@ -29,4 +30,4 @@ def _opened(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
 
 def simulate() -> None:
     """Have the sessions of this process meet simulated devices."""
-    vars(run)["open_laboratory"] = _opened
+    mock.patch.object(run, "open_laboratory", _opened).start()

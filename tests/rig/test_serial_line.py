@@ -115,9 +115,9 @@ def test_a_port_that_vanishes_is_noticed_within_200_ms(line: SerialLine, tracker
 
 @pytest.mark.parametrize("line", ["pty"], indirect=True)
 def test_a_port_that_vanishes_while_nobody_reads_is_known_though_all_is_kept_that_may_be(
-    line: SerialLine, tracker: SerialTracker
+    line: SerialLine, tracker: SerialTracker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    vars(tracker)["_most_bytes"] = 1
+    monkeypatch.setattr(tracker, "_most_bytes", 1)
     line.write(frames(0, 3))
     ends_s = time.monotonic() + 10
     while not vars(tracker)["_queued_bytes"]:

@@ -136,7 +136,7 @@ def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_ask
         assert visit._identity is not None
         said.append(visit._identity.text)
     assert said == approved
-    vars(visit)["_identity"] = None
+    visit._identity = None
     console.instead[Agree] = lambda: Reply(NO)
     with refuses(Interrupted):
         visit._identify()

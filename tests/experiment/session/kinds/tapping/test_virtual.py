@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -348,7 +349,7 @@ def test_quiet_takes_block_and_vibration_away_whatever_the_disk_does(
 
     def silenced() -> None:
         assert writes.wait(60.0)
-        vars(begun[0].taps.actuator)["withdraw"] = withdraw
+        mock.patch.object(begun[0].taps.actuator, "withdraw", withdraw).start()
         begun[0].quiet("by the experimenter")
         begun[0].beat(0)
         rendered.append(begun[0].taps.servo.rendered[-1])  # type: ignore[attr-defined]
