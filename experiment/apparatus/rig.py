@@ -37,7 +37,7 @@ def _actuator_rules(table: Any) -> Iterator[Broken]:
     """`pcm-tcp` needs `address`, `audio` has none.
 
     Either `full_scale_m_s2` or the table `shaping` is there, never both. `low_hz` and `high_hz` stand beside
-    `full_scale_m_s2`, both or neither, and `high_hz` is greater.
+    `full_scale_m_s2`, both or neither, and `high_hz` is greater. `inverse_ahead_ms` needs the table `measured`.
     """
     yield from port_rules(table)
     driver, address = table.get("driver"), table.get("address")
@@ -49,6 +49,8 @@ def _actuator_rules(table: Any) -> Iterator[Broken]:
     if len(takes) != 1:
         either = "this key for a device that takes accelerations, the table [actuator.shaping] for one that takes volts"
         yield Broken(("full_scale_m_s2",), f"{either}; exactly one of them")
+    if table.get("inverse_ahead_ms") is not None and table.get("measured") is None:
+        yield Broken(("inverse_ahead_ms",), "no such key without [actuator.measured]: `palpate calibrate actuator`")
     low, high = table.get("low_hz"), table.get("high_hz")
     if (low, high) != (None, None) and table.get("shaping") is not None:
         yield Broken(("low_hz",), "no low_hz and high_hz beside [actuator.shaping]: its response table has the band")
@@ -132,6 +134,8 @@ class ActuatorRig(Confined):
         high_hz: the highest; without both, nobody knows what such a device leaves out.
         shaping: the measured response, for a device that takes volts.
         measured: the panel, as `palpate calibrate actuator` measured it.
+        inverse_ahead_ms: in place of equation (7), stimuli are made by an inverse of the complex response that was
+            measured, which begins so long before the contact that is predicted; without it, by equation (7).
     """
 
     RULES: ClassVar[Rules] = _actuator_rules
@@ -144,6 +148,7 @@ class ActuatorRig(Confined):
     high_hz: Annotated[float, Field(gt=0)] | None = None
     shaping: ShapingRig | None = None
     measured: MeasuredRig | None = Field(None, json_schema_extra={"since": 4})
+    inverse_ahead_ms: Annotated[float, Field(ge=0, le=50)] | None = Field(None, json_schema_extra={"since": 6})
 
     @property
     def full_scale(self) -> float:
@@ -378,7 +383,7 @@ def _rig_rules(table: Any) -> Iterator[Broken]:
         if table.get("servo") is not None:
             yield Broken(("tracker",), "a table [tracker]: it follows the hand that [servo] pushes")
         elif table.get("format") in (1, 2, 3, 4):
-            yield Broken(("tracker",), "a table [tracker], or format = 5, which may leave it out")
+            yield Broken(("tracker",), "a table [tracker], or format = 5 or later, which may leave it out")
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
         return
@@ -489,7 +494,7 @@ class Rig(Confined):
 
     RULES: ClassVar[Rules] = _rig_rules
 
-    format: Literal[1, 2, 3, 4, 5]
+    format: Literal[1, 2, 3, 4, 5, 6]
     rig: Identity
     tracker: TrackerRig | None = None
     actuator: ActuatorRig

@@ -44,7 +44,8 @@ def hidden(text: str, but: str = "") -> tuple[str, ...]:
     """Return each character of a text that is refused, once, except those in `but`."""
     if text.isascii() and text.isprintable():
         return ()
-    return tuple(one for one in dict.fromkeys(text) if one not in but and _is_hidden(one))
+    others = [one for one in dict.fromkeys(text) if one not in but]
+    return tuple(one for one in others if one in BLANKS or not (one.isprintable() or unicodedata.category(one) == "Zs"))
 
 
 def deceptive(text: str) -> tuple[str, ...]:
@@ -118,10 +119,6 @@ def keyed(text: str, most: int = 20) -> str:
 def code(character: str) -> str:
     """Return the code of a character: `U+202E`."""
     return f"U+{ord(character):04X}"
-
-
-def _is_hidden(character: str) -> bool:
-    return character in BLANKS or not (character.isprintable() or unicodedata.category(character) == "Zs")
 
 
 def _is_selector(character: str) -> bool:

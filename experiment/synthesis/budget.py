@@ -13,6 +13,7 @@ limited it last, so the squares of the shares add up:
 - `taken_down`: what the limits of panel and amplifier take from all the others, and what the limiter cuts off;
 - `table`: an estimate of what straight lines between measured values miss: how far the cubic through the four nearest
   values lies from the lines, in frequency and in level;
+- `inverse`: what the inverse of a measured panel misses within its band, by the measured response, with its phase;
 - `rounding`: of transforms, weights and float32 samples, from the samples themselves. Voltages are weighed with the
   steepest response in the table, so theirs is a bound.
 """
@@ -51,6 +52,7 @@ class Budget:
     held_back: float = 0.0
     taken_down: float = 0.0
     table: float = 0.0
+    inverse: float = 0.0
     rounding: float = 0.0
 
     @property
@@ -61,7 +63,7 @@ class Budget:
     @property
     def total(self) -> float:
         """The share of all of it."""
-        return hypot(self.left_out, self.taken_down, self.table, self.rounding)
+        return hypot(self.left_out, self.taken_down, self.table, self.inverse, self.rounding)
 
 
 def of_accelerations(

@@ -27,15 +27,16 @@ MODE = ONE_MODE.modes[0]
 LOADED = MODE.loaded(0.2, 0.05), ONE_MODE.suspension.loaded(0.2, 0.05)
 
 
-def _with(*modes: tuple[float, float, float]) -> Modes:
+def panel_of(*modes: tuple[float, float, float]) -> Modes:
+    """The panel of one mode with others in its place: frequency, damping and part of each."""
     made = tuple(Mode(frequency_hz=hz, damping=damping, part=part) for hz, damping, part in modes)
     return ONE_MODE.model_copy(update={"modes": made})
 
 
 PANELS: Mapping[str, Modes] = {
     "one mode": ONE_MODE,
-    "two modes": _with((180.0, 0.05, 0.6), (420.0, 0.12, 0.4)),
-    "four modes": _with((90.0, 0.03, 0.4), (160.0, 0.05, -0.2), (300.0, 0.04, 0.5), (470.0, 0.06, 0.3)),
+    "two modes": panel_of((180.0, 0.05, 0.6), (420.0, 0.12, 0.4)),
+    "four modes": panel_of((90.0, 0.03, 0.4), (160.0, 0.05, -0.2), (300.0, 0.04, 0.5), (470.0, 0.06, 0.3)),
     "loaded": ONE_MODE.model_copy(update={"modes": (LOADED[0],), "suspension": LOADED[1]}),
     "soft coil": ONE_MODE.model_copy(update={"soft_v": 5.0}),
 }

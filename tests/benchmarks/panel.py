@@ -23,7 +23,7 @@ from palpate.experiment.session import scene
 from palpate.experiment.synthesis.budget import of_voltages
 from palpate.experiment.synthesis.spectra import spectrum
 from palpate.experiment.synthesis.voltages import Drive
-from palpate.experiment.synthesis.waveforms import Stimulus, prepare
+from palpate.experiment.synthesis.waveforms import Basis, Stimulus, prepare
 
 SPEEDS_MM_S = np.geomspace(20.0, 600.0, 10)
 LIMIT_M_S2 = 30.0
@@ -44,16 +44,21 @@ def off() -> dict[str, NDArray[np.float64]]:
     """Errors of each material, a row a speed: signed bins, magnitudes, the budget's total, the worst third octave in
     dB; and the peak, m/s^2, shape (10, 5).
     """
-    protocol, rig = files.load(shipped("okamoto2012.toml")), shipped("rigs/rehearsal.toml")
+    rig = shipped("rigs/rehearsal.toml")
     actuator, panel = rigs.load(rig).actuator, MovingPanel(read(shipped("rigs/rehearsal-panel.toml")))
+    drive = open_drive(rig.parent, actuator, limit_m_s2=LIMIT_M_S2)
+    assert drive is not None
+    return {m: np.array([off_at(basis.at(v), drive, panel) for v in SPEEDS_MM_S]) for m, basis in bases().items()}
+
+
+def bases() -> dict[str, Basis]:
+    """The simulated materials, prepared for the shipped rig."""
+    protocol, actuator = files.load(shipped("okamoto2012.toml")), rigs.load(shipped("rigs/rehearsal.toml")).actuator
     with tempfile.TemporaryDirectory() as folder:
         made = recorded_takes.make_recordings(Path(folder) / "recordings", protocol=protocol, seed=1).parent
         virtual = scene.plan(protocol=protocol, task_id="virtual")
         materials = scene.load_spectra(scene=virtual, protocol=protocol, recordings=made)
-    drive = open_drive(rig.parent, actuator, limit_m_s2=LIMIT_M_S2)
-    assert drive is not None
-    bases = {m: prepare(spectra, material=m, output_rate_hz=actuator.rate_hz) for m, spectra in materials.items()}
-    return {m: np.array([off_at(basis.at(v), drive, panel) for v in SPEEDS_MM_S]) for m, basis in bases.items()}
+    return {m: prepare(spectra, material=m, output_rate_hz=actuator.rate_hz) for m, spectra in materials.items()}
 
 
 def off_at(stimulus: Stimulus, drive: Drive, panel: MovingPanel) -> tuple[float, float, float, float, float]:

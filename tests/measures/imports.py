@@ -81,6 +81,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     "panel": (
         "experiment/apparatus/panel/calibration.py",
         "experiment/apparatus/panel/drift.py",
+        "experiment/apparatus/panel/inverse.py",
         "experiment/apparatus/panel/measured.py",
         "experiment/apparatus/panel/movement.py",
         "experiment/apparatus/panel/multisine.py",

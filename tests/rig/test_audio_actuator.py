@@ -14,9 +14,12 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import opening as opening_audio
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.audio.actuator import TAKEN_BACK
-from palpate.experiment.apparatus.audio.mixer import AT_ONCE
+from palpate.experiment.apparatus.audio.actuator import TAKEN_BACK, AudioActuator
+from palpate.experiment.apparatus.audio.mixer import AT_ONCE, Cue
 from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.panel.conditioning import Conditioner
+from palpate.experiment.apparatus.panel.inverse import Inverse
+from palpate.experiment.apparatus.panel.movement import Movement, Reference
 from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import MonotonicClock
@@ -25,6 +28,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.panel import CardPanel
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.approved import Refuses
+from tests.experiment.apparatus.panel.test_movement import stated
 from tests.experiment.synthesis.stimuli import given
 from tests.rig import sound
 
@@ -171,6 +175,39 @@ def test_what_sounds_as_asked_but_not_at_contact_is_not_delivered(stream: AudioS
     off_ms = (heard.onset_ns - contact_ns) / MS
     assert not heard.delivered
     assert re.findall(r"([+-]?[\d.]+) ms", heard.reason) == [f"{off_ms:+.2f}", "5"]
+
+
+def test_an_inverse_begins_ahead_and_what_it_makes_meets_the_contact(
+    actuator: Actuator, stream: AudioStream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames are those that the stream is given: what the machine's load does to its time is left out."""
+    lines = np.arange(5, 2001)
+    alike = Reference(lines, np.full(lines.size, 64.0 + 0j), np.zeros(lines.size))
+    movement = Movement(alike, stated(full_scale_m_s2=64.0), stream.rate_hz)
+    inverse = Inverse(movement, ahead_s=0.02)
+    condition = Conditioner(full_scale=64.0, limit_m_s2=20.0, movement=movement, inverse=inverse)
+    assert RIG.audio is not None
+    inverted = AudioActuator(stream, RIG.audio, condition)
+    assert inverted.lead_ns - actuator.lead_ns == 20 * MS
+    wave = 5.0 * np.hanning(4800) * np.sin(2 * np.pi * 150.0 / stream.rate_hz * np.arange(4800))
+    onset_ns, begun, move = CLOCK.now_ns() + 500 * MS, list[int](), stream.move
+    at = stream.next_frame + 24_000
+
+    def noted(cue: Cue, frame: int) -> bool:
+        begun.append(frame)
+        return move(cue, frame)
+
+    with monkeypatch.context() as steady:
+        steady.setattr(stream, "frame_at", lambda ns: at + round((ns - onset_ns) * 48e-6))
+        steady.setattr(stream, "move", noted)
+        for one in (actuator, inverted):
+            one.prepare(given(wave, rate_hz=stream.rate_hz))
+            assert one.aim(onset_ns)
+    assert begun[0] - begun[1] == 960
+    heard = inverted.delivered(onset_ns)
+    assert heard is not None
+    assert heard.onset_ns is not None
+    assert heard.onset_ns == pytest.approx(stream.ns_of(begun[0]) + OUTPUT_MS * MS, abs=5 * MS)
 
 
 @pytest.mark.parametrize("landed", [False, True], ids=["aimed", "landed"])

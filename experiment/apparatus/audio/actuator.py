@@ -105,7 +105,7 @@ class AudioActuator:
         self._stream = stream
         self._audio = audio
         self._condition = condition
-        self._output_ns = audio.latency.output_ms * 1e6
+        self._output_ns, self._ahead_ns = audio.latency.output_ms * 1e6, condition.ahead_s * 1e9
         self._tolerance = audio.delivered
         self._samples: NDArray[np.float32] = np.zeros(0, np.float32)
         self._cue: Cue | None = None
@@ -121,7 +121,7 @@ class AudioActuator:
     def lead_ns(self) -> int:
         # Within a block nobody knows how much of it has passed.
         frames = self._stream.lead_frames + self._audio.block
-        return round(self._output_ns + frames / self._stream.rate_hz * 1e9)
+        return round(self._output_ns + self._ahead_ns + frames / self._stream.rate_hz * 1e9)
 
     def prepare(self, stimulus: Waveform) -> Played:
         """Prepare a stimulus at `rate_hz`; nothing sounds yet. Raises `AudioError` if too long or without a stream."""
@@ -135,7 +135,7 @@ class AudioActuator:
 
     def aim(self, onset_ns: int) -> bool:
         """Have the first sample reach the panel at `onset_ns`; see `Actuator.aim`."""
-        frame = self._stream.frame_at(round(onset_ns - self._output_ns))
+        frame = self._stream.frame_at(round(onset_ns - self._output_ns - self._ahead_ns))
         if self._cue is None or frame < self._stream.next_frame + self._stream.lead_frames:
             return False
         if not self._stream.move(self._cue, frame):
@@ -200,7 +200,7 @@ class AudioActuator:
         found = align(heard, self._samples, gain=gain)
         if found is None:
             return self._delivery(requested_ns, "the loopback did not hear it")
-        onset_ns = self._stream.ns_of(first + found.onset) - round(latency.input_ms * 1e6)
+        onset_ns = self._stream.ns_of(first + found.onset) - round(latency.input_ms * 1e6 - self._ahead_ns)
         reason = fault or objection(
             found,
             onset_error_ms=(onset_ns - requested_ns) / 1e6,

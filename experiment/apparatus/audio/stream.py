@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -349,7 +350,7 @@ class AudioStream:
                 )
             else:
                 self._stream = sounddevice.OutputStream(
-                    device=number, channels=outputs, callback=self._called_to_play, **asked
+                    device=number, channels=outputs, callback=partial(self._called, NOTHING), **asked
                 )
         try:
             with host.elsewhere(), self._explained():
@@ -487,10 +488,7 @@ class AudioStream:
             with self._explained():
                 close_stream(self._stream)
 
-    def _called_to_play(self, outputs: Block, frames: int, time: object, status: Any) -> None:
-        self._called(NOTHING[:frames], outputs, frames, time, status)
-
-    def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
+    def _called(self, inputs: Block, outputs: Block, frames: int, _time: object, status: Any) -> None:
         try:
             for settle in self._settling:
                 settle()
@@ -504,7 +502,7 @@ class AudioStream:
                     gain.ends = mixer.frame + round(self._frames_until(gain.ends_ns, now_ns))
             if status:
                 self.xruns += 1
-            mixer.fill(outputs, inputs)
+            mixer.fill(outputs, inputs[:frames])
         except Exception as error:
             outputs.fill(0)
             self._broken = error

@@ -26,8 +26,8 @@ from palpate.experiment.synthesis.shaping import Shaped
 from palpate.experiment.synthesis.voltages import Drive
 from palpate.experiment.synthesis.waveforms import Basis, Waveform
 
-MOVEMENT = "palpate.experiment.apparatus.panel.movement"
-"""How a measured panel moves, which is imported for one alone."""
+MOVEMENT, INVERSE = (f"palpate.experiment.apparatus.panel.{name}" for name in ("movement", "inverse"))
+"""How a measured panel moves, and what inverts it, which are imported for one alone."""
 
 EVERY_HZ = (0.0, math.inf)
 """What a device carries of which nothing else is said, Hz."""
@@ -51,6 +51,16 @@ class Movement(Protocol):
         """Return the peak that finite samples, shape (n,), move the panel by."""
 
 
+class Inverse(Protocol):
+    """What inverts a measured panel by samples that begin `ahead_s` before the stimulus; see `panel/inverse.py`."""
+
+    ahead_s: float
+
+    def __call__(self, stimulus: Waveform) -> tuple[NDArray[np.float64], float]: ...
+
+    def budget(self, played: "Played") -> budget.Budget: ...
+
+
 @dataclass(frozen=True)
 class Played:
     """A stimulus as its device is given it: `samples`, little-endian float32, shape (n,), 1.0 being full scale.
@@ -70,9 +80,12 @@ class Played:
     carries_hz: tuple[float, float] = EVERY_HZ
     moved: Peak | None = None
     panel_scale: float = 1.0
+    inverse: Inverse | None = None
 
     def budget(self) -> tuple[budget.Budget, Shaped | None]:
         """Return how the samples differ from the request, and what shaping did, None without; computed anew."""
+        if self.inverse is not None:
+            return self.inverse.budget(self), None
         handed = self.samples.astype(np.float64) * self.full_scale
         if self.drive is None:
             changed = self.limited + (self.panel_scale < 1)
@@ -110,7 +123,7 @@ class Played:
                 dissimilarity_m_s2=error.dissimilarity_m_s2,
             ),
             handed_sha256=hashlib.sha256(self.samples.tobytes()).hexdigest(),
-            handed_unit="m/s^2" if shaped is None else "V",
+            handed_unit="m/s^2" if self.drive is None else "V",
             handed_peak=peak,
             samples=self.samples.size,
             rate_hz=asked.rate_hz,
@@ -132,6 +145,7 @@ class Conditioner:
         drive: Drive | None = None,
         carries_hz: tuple[float, float] | None = None,
         movement: Movement | None = None,
+        inverse: Inverse | None = None,
     ) -> None:
         """Set the limits; `ActuatorError` if the protocol's is negative or not finite.
 
@@ -141,7 +155,8 @@ class Conditioner:
         """
         limit((), limit_m_s2)
         self._full_scale = full_scale
-        self._movement, self._limit_m_s2 = movement, limit_m_s2
+        self._movement, self._limit_m_s2, self._inverse = movement, limit_m_s2, inverse
+        self.ahead_s = 0.0 if inverse is None else inverse.ahead_s
         self._limit = full_scale if drive is not None or movement is not None else min(limit_m_s2, full_scale)
         self._drive = drive
         self._carries_hz = carries_hz or EVERY_HZ
@@ -168,7 +183,8 @@ class Conditioner:
         samples = np.empty(bounded.shape, "<f4")
         np.divide(bounded, self._full_scale, out=samples, casting="same_kind")
         np.clip(samples, -self._highest, self._highest, out=samples)
-        played = Played(stimulus, samples, self._full_scale, limited, method, self._drive, scale, self._carries_hz)
+        given = self._full_scale, limited, method, self._drive, scale, self._carries_hz
+        played = Played(stimulus, samples, *given, inverse=self._inverse)
         return played if self._movement is None else self._limited(played, self._movement)
 
     def _limited(self, played: Played, movement: Movement) -> Played:
@@ -184,6 +200,9 @@ class Conditioner:
 
     def _conditioned(self, stimulus: Waveform) -> tuple[NDArray[np.float64], float, str]:
         """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""
+        if self._inverse is not None:
+            made, scale = self._inverse(stimulus)
+            return made * self._full_scale, scale, f"inverse, {self.ahead_s * 1e3:g} ms ahead"
         if self._drive is None:
             return stimulus.waveform_m_s2, 1.0, stimulus.method
         voltages_v, scale, prepared = self._drive(stimulus)
@@ -209,16 +228,19 @@ def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
 
 def open_conditioner(rig: Rig, *, limit_m_s2: float, drive: Drive | None) -> Conditioner:
     """Return what conditions stimuli for a rig's actuator, with its `open_drive`. Raises `RigError` for the panel."""
-    actuator, movement = rig.actuator, None
+    actuator, movement, inverse = rig.actuator, None, None
     if actuator.measured is not None:
         module = import_module(MOVEMENT)
         movement = module.open_movement(rig.folder or Path(), actuator.measured, rate_hz=actuator.rate_hz)
+        if actuator.inverse_ahead_ms is not None:
+            inverse = import_module(INVERSE).Inverse(movement, ahead_s=actuator.inverse_ahead_ms / 1e3)
     return Conditioner(
         full_scale=actuator.full_scale,
         limit_m_s2=limit_m_s2,
         drive=drive,
         carries_hz=actuator.carries_hz,
         movement=movement,
+        inverse=inverse,
     )
 
 
@@ -235,7 +257,7 @@ def open_drive(
     if settings is None:
         return None
     return Drive(
-        materials or {},
+        (materials or {}) if actuator.inverse_ahead_ms is None else {},
         rate_hz=actuator.rate_hz,
         response=parse(folder / settings.response, response_table(folder, settings)),
         gain_limit_v_per_m_s2=settings.gain_limit_v_per_m_s2,

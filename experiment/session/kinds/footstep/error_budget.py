@@ -49,7 +49,8 @@ def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
         return None
     step, tracker = protocol.table(Footstep).step, tracker_of(rig)
     predictor = LandingPredictor(step, noise_mm=NOISE_MM if tracker.noise_mm is None else tracker.noise_mm)
-    lead_us = rig.audio.latency.output_ms * 1e3 + 2e6 * rig.audio.block / rig.audio.rate_hz
+    lead_us = (rig.audio.latency.output_ms + (rig.actuator.inverse_ahead_ms or 0.0)) * 1e3
+    lead_us += 2e6 * rig.audio.block / rig.audio.rate_hz
     last_us = int(min((step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6 - lead_us, 1e15))
     state, found = predictor.init(), None
     for us in range(max(0, last_us - WATCHED_US), last_us, round(1e6 / tracker.rate_hz)):
@@ -90,6 +91,7 @@ def detailed(
     taken = manifest.load(recordings, synthesis=protocol.table(Footstep).synthesis, material_ids=scene.materials)
     found, speeds, measured = {}, speeds_mm_s(protocol), rig.actuator.measured
     rate_hz = rig.actuator.rate_hz
+    ahead = round((rig.actuator.inverse_ahead_ms or 0.0) / 1e3 * rate_hz)
     movement = None if measured is None else open_movement(rig_folder, measured, rate_hz=rate_hz)
     for material, each in played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder).items():
         budgets = [one.budget() for one in each]
@@ -111,7 +113,8 @@ def detailed(
             felt=()
             if movement is None
             else tuple(
-                felt(one.stimulus.waveform_m_s2, movement.moved_m_s2(one.samples), rate_hz=rate_hz) for one in each
+                felt(one.stimulus.waveform_m_s2, movement.moved_m_s2(one.samples)[ahead:], rate_hz=rate_hz)
+                for one in each
             ),
         )
     return found
@@ -206,6 +209,7 @@ class ErrorBudget:
         rows = [
             [name, *(percent(*one.range(attrgetter(field))) for one in each)]
             for field, name, _ in causes(self.carries_hz)
+            if field != "inverse" or any(one.inverse for of in each for one in of.budgets)
         ]
         rows.append(["all of it", *(percent(*one.range(attrgetter("total"))) for one in each)])
         return rows

@@ -11,6 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import partial
+from importlib import import_module
 from math import inf, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -86,9 +87,13 @@ def fidelity(
 
 def carried_hz(rig: Rig, rig_folder: Path) -> tuple[float, float] | None:
     """Return the range in which a rig's panel was measured, Hz, if it was. Raises `RigError` or `RecordingError`."""
+    from palpate.experiment.apparatus.panel.conditioning import INVERSE
     from palpate.experiment.apparatus.panel.response_table import parse
     from palpate.experiment.apparatus.rig import response_table
 
+    if rig.actuator.inverse_ahead_ms is not None:
+        low_hz, high_hz = import_module(INVERSE).BAND_HZ
+        return low_hz, high_hz
     if (shaping := rig.actuator.shaping) is None:
         return rig.actuator.carries_hz
     measured = parse(rig_folder / shaping.response, response_table(rig_folder, shaping)).frequencies_hz
@@ -207,6 +212,7 @@ def causes(carries_hz: tuple[float, float] | None) -> tuple[tuple[str, str, str]
             "limits of panel and amplifier",
             "a higher full scale, or limit of vibration if the board approves",
         ),
+        ("inverse", "missed by the inverse", "a longer actuator.inverse_ahead_ms"),
         ("table", "steps of the response table", "more frequencies and levels, closest where the response bends"),
         ("rounding", "rounding", "nothing that anybody could feel"),
     )

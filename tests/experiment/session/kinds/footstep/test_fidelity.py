@@ -220,6 +220,8 @@ def test_the_standard_error_of_contact_is_the_predictors_own(protocol: Protocol,
     assert 0.2 < right < 1.2
     # From 10 mm it lands before the onset can be moved.
     assert aim_ms(protocol, volts, 5000.0) is None
+    ahead = volts.model_copy(update={"actuator": volts.actuator.model_copy(update={"inverse_ahead_ms": 20.0})})
+    assert (aim_ms(protocol, ahead, 150.0) or 0.0) > right
     assert aim_ms(protocol, rigs.load(shipped("rigs/rehearsal.toml")), 150.0) is None
 
 
@@ -230,7 +232,8 @@ def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, v
     assert budget.carries_hz == (10.0, 600.0)
     for field, name, remedy in causes(budget.carries_hz):
         assert hasattr(next(iter(budget.materials.values())).budgets[0], field)
-        assert re.search(rf"(?m)^  {re.escape(name)}  +[\d<]", text)
+        # Nothing is inverted here.
+        assert bool(re.search(rf"(?m)^  {re.escape(name)}  +[\d<]", text)) == (field != "inverse")
         lowered = field in ("below", "above", "held_back", "taken_down", "table")
         assert (f"{name}: {remedy}" in text) == lowered
     assert max(map(len, budget.lines())) <= 100
