@@ -44,7 +44,7 @@ def unlisted(folder: Path, room: str, name: str) -> None:
     """Take a name out of a copy's list of kinds or designs."""
     file = folder / "experiment" / "protocol" / room / "__init__.py"
     before = file.read_text("utf-8")
-    file.write_text(before.replace(f', "{name}"]', "]"), "utf-8")
+    file.write_text(before.replace(f', "{name}"]', "]").replace(f'["{name}", ', "["), "utf-8")
     assert file.read_text("utf-8") != before
 
 
@@ -58,7 +58,7 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def identifies(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The source without every wing that the identification of steps does not need."""
-    wings = (*COMMON, "comparison", "levels", "tapping", "stepping", "tap fit", "imports")
+    wings = (*COMMON, "comparison", "levels", "tapping", "stepping", "tap fit", "imports", "voice")
     folder = copied(tmp_path_factory.mktemp("identifies"), wings)
     unlisted(folder, "kinds", "tapping")
     unlisted(folder, "designs", "comparison")
@@ -76,20 +76,21 @@ def test_an_identification_needs_none_of_them(identifies: Path) -> None:
     assert "comparison.csv" not in written
 
 
-def test_a_comparison_needs_no_other_design(tmp_path: Path) -> None:
-    source = copied(tmp_path, (*COMMON, "identification"))
-    said = [
-        ("felt", "cork", "second"),
-        ("cork", "felt", "first"),
-        ("felt", "felt", "first"),
-        ("cork", "cork", "second"),
-    ]
-    sessions = {str(who): {"live": compared(said[who:] + said[:who])} for who in range(1, 4)}
-    pair = {"materials": ("felt", "cork"), "tasks": ("live",), "answers": ("first", "second")}
-    write_dataset(tmp_path / "dataset", sessions, origin="REHEARSAL", **pair)  # type: ignore[arg-type]
-    done = run(source, "analyse", "dataset", "--out", "out", "--no-figures")
+def test_a_comparison_of_taps_needs_no_other_kind_or_design(tmp_path: Path) -> None:
+    """Its protocol has a fourth of the repetitions; the rehearsal ends with the analysis."""
+    wings = (*COMMON, "identification", "footstep", "levels", "stepping", "tap fit", "imports", "voice")
+    source = copied(tmp_path, wings)
+    unlisted(source, "kinds", "footstep")
+    protocol = source / "protocols" / "wellman1995.toml"
+    shortened = protocol.read_text("utf-8").replace("repetitions = 8 ", "repetitions = 2 ").replace("= 108", "= 27")
+    protocol.write_text(shortened, "utf-8")
+    checked = run(source, "check", "protocols/wellman1995.toml")
+    assert (checked.returncode, checked.stderr) == (0, "")
+    arguments = ("--participants", "1", "--jobs", "1", "--out", "dataset")
+    done = run(source, "rehearse", "protocols/wellman1995.toml", *arguments)
     assert done.returncode == 0, done.stderr
-    assert {"pairs.csv", "bias.csv"} <= {path.name for path in (tmp_path / "out" / "tables").iterdir()}
+    written = {path.name for path in (source / "dataset" / "derivatives" / "palpate" / "tables").iterdir()}
+    assert {"pairs.csv", "bias.csv"} <= written
 
 
 @pytest.mark.parametrize("wing", COMMON)

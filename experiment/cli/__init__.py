@@ -11,7 +11,7 @@ COMMANDS = {
         "new": ("protocol", "Write a new protocol, with a comment for every key."),
         "check": ("protocol", "Show a protocol to an ethics board."),
         "power": ("analysis", "Estimate how many participants a study needs."),
-        "plan": ("recordings", "Print what a footstep task needs and what it leaves out."),
+        "plan": ("recordings", "Print what a task needs and what it leaves out."),
         "rehearse": ("laboratory", "Run a whole study with simulated participants."),
         "seal": ("protocol", "Record the board's approval of a protocol."),
     },

@@ -9,7 +9,6 @@ import typer
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, ProtocolFile
 from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError
-from palpate.experiment.protocol.kinds.footstep import Footstep
 
 commands = options.room()
 
@@ -102,6 +101,7 @@ def validate(
     """
     from palpate.analysis.validation import report
     from palpate.experiment.protocol import files
+    from palpate.experiment.protocol.kinds.footstep import Footstep
     from palpate.experiment.recordings import manifest
 
     average = files.load(protocol_file).table(Footstep).synthesis.average if protocol_file is not None else "magnitude"
@@ -166,11 +166,12 @@ def plan(
     rig: Annotated[Path | None, typer.Option("--rig", help="Rig file [default: the rehearsal's].")] = None,
     as_json: Json = False,
 ) -> None:
-    """Print what a footstep task needs and what it leaves out.
+    """Print what a task needs and what it leaves out.
 
-    A comparison of surfaces holds no spectra to leave out, and has no such plan. Each omission is printed with the time
-    and memory that it saves and the error that it causes, measured on this machine while you wait, and so is a process
-    of each task, on a simulated rig. The exit code is 2 where the protocol does not allow what the rig leaves out.
+    A task that plays no recordings has no spectra to leave out, and no such plan. Each omission is printed with the
+    time and memory that it saves and the error that it causes, measured on this machine while you wait, and so is a
+    process of each task, on a simulated rig. The exit code is 2 where the protocol does not allow what the rig leaves
+    out.
     """
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.protocol import files

@@ -1,5 +1,6 @@
 """The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
 
+from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from itertools import chain
@@ -10,7 +11,7 @@ import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, StudyFolder
-from palpate.experiment.protocol.kinds.footstep import Footstep
+from palpate.experiment.errors import Finding
 
 commands = options.room()
 calibrate = typer.Typer(
@@ -88,7 +89,6 @@ def doctor(
     from palpate.experiment.clock import MonotonicClock
     from palpate.experiment.errors import RigError
     from palpate.experiment.rehearsal.session import simulated_far_ends
-    from palpate.experiment.session.kinds.footstep import doctor as footsteps
 
     options.at_once("The checks take 5 to 15 s. Each is shown as soon as it has ended.")
     # A check of its own is red for a rig file that cannot be used.
@@ -99,7 +99,7 @@ def doctor(
         rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
     )
     report = Report(rig)
-    for check in chain(examined, footsteps.omissions(rig, protocol, dataset, recordings)):
+    for check in chain(examined, omissions(rig, protocol, dataset, recordings)):
         report.checks.append(check)
         if not as_json:
             for line in lines(check, options.columns(10_000)):
@@ -107,6 +107,29 @@ def doctor(
     options.put(report.as_dict() if as_json else report.verdict)
     if report.red:
         raise typer.Exit(RigError.exit_code)
+
+
+def omissions(
+    rig_file: Path, protocol_file: Path | None, dataset: Path | None, recordings: Path | None
+) -> Iterator[Finding]:
+    """Yield what a rig leaves out of what a study plays; nothing of a rig file that cannot be used."""
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.doctor.checks import unchecked
+    from palpate.experiment.errors import RigError
+    from palpate.experiment.protocol import files
+    from palpate.experiment.session.kind import session_kind
+
+    protocol = files.load(protocol_file) if protocol_file is not None else None
+    try:
+        rig = rigs.load(rig_file)
+    except RigError:
+        # A check of its own is red for it.
+        return
+    if protocol is None:
+        yield unchecked("left out", "no protocol was given", "add --protocol, and the folder of its --recordings")
+        return
+    for kind in {session_kind(task): None for task in protocol.tasks if task.stimulus == "virtual"}:
+        yield from kind.omissions(protocol, rig, rig_file.parent, dataset, recordings)
 
 
 @calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")
@@ -132,6 +155,7 @@ def calibrate_tracker(
     from palpate.experiment.clock import MonotonicClock
     from palpate.experiment.errors import Interrupted, RigError
     from palpate.experiment.protocol import files
+    from palpate.experiment.protocol.kinds.footstep import Footstep
 
     heights_mm = calibrating.heights_asked(points)
     step = files.load(protocol).table(Footstep).step if protocol is not None else None

@@ -79,33 +79,35 @@ def with_refusal(planned: "TaskPlan", unmeasured: Finding | None) -> "TaskPlan":
 def plans(
     protocol_file: Path, rig_file: Path, task: str | None, recordings: Path | None, bar: Bar, today: date
 ) -> tuple[str, str, list["TaskPlan"]]:
-    """Return which recordings and rig were planned with, and plans of a footstep task or, for None, of every task.
+    """Return which recordings and rig were planned with, and plans of a task or, for None, of every task.
 
     Recordings are simulated where there are none. A plan of vibrations refuses a real rig whose panel does not count as
-    measured `today`. Raises as `scene_cost.plan`, and `ScheduleError` for another kind of
-    trial or an unknown task.
+    measured `today`. Raises as `scene_cost.plan`, and `ScheduleError` where no recordings are played, or for an unknown
+    task.
     """
     from palpate.experiment.apparatus import rig as rigs
-    from palpate.experiment.apparatus.panel.conditioning import open_drive
-    from palpate.experiment.apparatus.panel.validity import unmeasured_panel
     from palpate.experiment.protocol import files
-    from palpate.experiment.recordings import manifest
-    from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
-    from palpate.experiment.session import scene
-    from palpate.experiment.session.kinds.footstep import scene_cost
+    from palpate.experiment.session.kind import session_kind
 
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
-    if not scene.virtual(protocol).synthesis:
-        raise ScheduleError(
-            f"study {protocol.study.id}",
-            f"got trials of the kind '{protocol.tasks[0].kind}'",
-            Remedy("ask {} how stiff a block may be", ("palpate", "check", str(protocol_file), "--rig", str(rig_file))),
-            allowed="'footstep', for a plan says which spectra and bins a footstep task leaves out",
-        )
-    tasks = [one.id for one in protocol.tasks if task in (None, one.id)]
-    if not tasks:
+    asked = [one for one in protocol.tasks if task in (None, one.id)]
+    if not asked:
         known = ", ".join(one.id for one in protocol.tasks)
         raise ScheduleError(f"no task '{task}' in study {protocol.study.id}", remedy=f"its tasks: {known}")
+    tasks = [one.id for one in asked if session_kind(one).recordings]
+    if not tasks:
+        raise ScheduleError(
+            f"study {protocol.study.id}",
+            f"got trials of the kind '{asked[0].kind}'",
+            Remedy("ask {} what the rig renders", ("palpate", "check", str(protocol_file), "--rig", str(rig_file))),
+            allowed="a kind that plays recordings, for a plan says which spectra and bins a task leaves out",
+        )
+    from palpate.experiment.apparatus.panel.conditioning import open_drive
+    from palpate.experiment.apparatus.panel.validity import unmeasured_panel
+    from palpate.experiment.recordings import manifest
+    from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
+    from palpate.experiment.session.kinds.footstep import scene_cost
+
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     total, tick = bar
     total(len(tasks))

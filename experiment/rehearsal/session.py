@@ -29,12 +29,10 @@ from palpate.experiment.desk.questions import Console
 from palpate.experiment.errors import Interrupted
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.recordings.manifest import MANIFEST
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose
 from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind, stepping
 from palpate.experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
-from palpate.experiment.rehearsal.voice import Speaker
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
@@ -46,6 +44,7 @@ from palpate.experiment.synthesis import waveforms
 from palpate.experiment.synthesis.waveforms import Basis
 
 if TYPE_CHECKING:
+    from palpate.experiment.rehearsal.voice import Speaker
     from palpate.experiment.rehearsal.wires.modes import MovingPanel
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
@@ -157,6 +156,8 @@ class SimulatedEnds:
             return
         self._card.wire()
         if self.protocol.answers.microphone and self.rig.audio and self.rig.audio.channels.microphone is not None:
+            from palpate.experiment.rehearsal.voice import Speaker
+
             self._speaker = Speaker(
                 self._card.mouth(), rate_hz=self.rig.audio.rate_hz, entropy=(self.job.seed, int(self.job.participant))
             )
@@ -177,6 +178,8 @@ class SimulatedEnds:
         return {material: _silenced(basis) for material, basis in materials.items()}
 
     def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
+        from palpate.experiment.recordings.manifest import MANIFEST
+
         kept, folder = storage.protocol_path(self.job.dataset), self.job.dataset / storage.RECORDINGS
         contents = tuple(map(storage.read_bytes, (kept, kept.with_name("rig.toml"), folder / MANIFEST)))
         key = folder, contents, self.job.control, self.task_id

@@ -7,7 +7,7 @@ devices, is the kind's: a room of its name in `kinds/`, as in a protocol file. A
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Measured
 from palpate.experiment.desk.questions import Arm, Console, Notice
-from palpate.experiment.errors import PalpateError
+from palpate.experiment.errors import Finding, PalpateError
 from palpate.experiment.protocol.designs import Meaning, design_of
 from palpate.experiment.protocol.models import Protocol as StudyProtocol
 from palpate.experiment.protocol.models import Task
@@ -290,6 +290,7 @@ class SessionKind:
         check_rig: refuses a rig with which no session of a study can be run, by its calibration of a day.
         rig: the module that judges rigs, imported where one is judged.
         board: the module of what the board reads of a rig.
+        recordings: the module that takes real recordings; none where nothing that is recorded is played.
         frames: whether the tracker's frames of a step are kept.
     """
 
@@ -299,6 +300,11 @@ class SessionKind:
     rig: str
     board: str
     frames: bool
+    recordings: str = ""
+
+    def real_recordings(self, root: Path, given: Path | None, protocol: StudyProtocol) -> Path:
+        """Return the given folder of recordings or the dataset's. Raises `RecordingError` if simulated or others."""
+        return cast("Path", import_module(self.recordings).real_recordings(root, given, protocol))
 
     def judge(self, **given: object) -> str:
         """Refuse a rig for tasks with virtual stimuli, or return in words what it leaves out of them."""
@@ -307,6 +313,10 @@ class SessionKind:
     def examine(self, **given: object) -> tuple[str, PalpateError | None]:
         """Return in words what the board reads of a rig, and why it is refused for participants, if it is."""
         return cast("tuple[str, PalpateError | None]", import_module(self.board).examine(**given))
+
+    def omissions(self, *given: object) -> Iterable[Finding]:
+        """Return what `palpate doctor` finds of what a rig leaves out; nothing where no recordings are played."""
+        return cast("Iterable[Finding]", import_module(self.board).omissions(*given)) if self.recordings else ()
 
 
 def session_kind(task: Task) -> SessionKind:

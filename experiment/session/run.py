@@ -17,7 +17,6 @@ from palpate.experiment.desk.questions import YES, Agree, At, Attended, Break, C
 from palpate.experiment.errors import (
     Interrupted,
     PalpateError,
-    RecordingError,
     Remedy,
     RigError,
     RosterError,
@@ -25,7 +24,6 @@ from palpate.experiment.errors import (
 )
 from palpate.experiment.findings import shown
 from palpate.experiment.protocol import approval, files
-from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose, Visited
@@ -105,8 +103,9 @@ def run(
     left = tuple(task for task in allocation.tasks if not _is_complete(root, participant, task))
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, allocation, tasks[0])
-    if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
-        recordings = _real_recordings(root, recordings, protocol)
+    synthesised = [task for task in tasks if scene.plan(protocol=protocol, task_id=task).synthesis]
+    for kind in {session_kind(protocol.task(task)): None for task in synthesised}:
+        recordings = kind.real_recordings(root, recordings, protocol)
     _judge_rig(protocol, rig, rig_file, recordings, tasks, console)
     visit.ask_first(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.ask_first(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
@@ -374,26 +373,6 @@ def _judge_rig(
             console.tell(Notice(f"Rig '{rig.rig.name}': {told}."))
     if virtual:
         rigs.check_stops(rig, protocol.exposure.vibration_peak_m_s2, today)
-
-
-def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
-    """Return the given folder of recordings or the dataset's. Raises `RecordingError` if simulated, others or bad."""
-    from palpate.experiment.recordings import manifest
-
-    kept = root / storage.RECORDINGS
-    folder = given or kept
-    if manifest.is_simulated(folder):
-        raise RecordingError(
-            folder,
-            "the recordings are simulated",
-            Remedy("record real ones ({}), or use palpate rehearse", manifest.RECORD),
-        )
-    if not kept.exists():
-        needed = scene.virtual(protocol).materials
-        manifest.load(folder, synthesis=protocol.table(Footstep).synthesis, material_ids=needed)
-    elif manifest.sha256(folder) != manifest.sha256(kept):
-        raise RecordingError(folder, "the study was begun with other recordings", "leave out --recordings")
-    return folder
 
 
 def _keep_recordings(root: Path, folder: Path) -> Path:

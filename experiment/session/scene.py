@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.session.kind import session_kind
 
@@ -16,9 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from palpate.experiment.apparatus.rig import Rig
-    from palpate.experiment.synthesis.crinkle import CrinkleSpectra
     from palpate.experiment.synthesis.noise import Colour
-    from palpate.experiment.synthesis.waveforms import Basis
 
 
 @dataclass(frozen=True)
@@ -76,72 +72,6 @@ def _played(protocol: Protocol, tasks: Sequence[Task]) -> tuple[str, ...]:
     """Return the materials of which these tasks play recordings."""
     wanted = {material for task in tasks for material in session_kind(task).recorded(protocol, [task])}
     return tuple(material.id for material in protocol.materials if material.id in wanted)
-
-
-def besides(*, scene: Scene, protocol: Protocol, recordings: Path) -> Scene:
-    """Return a scene with the materials instead that are recorded and not its own; errors as `load_spectra`."""
-    from palpate.experiment.recordings import manifest
-
-    recorded = manifest.materials_of(recordings).difference(scene.materials)
-    return replace(scene, materials=tuple(one.id for one in protocol.materials if one.id in recorded))
-
-
-def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
-    """Return the spectra of the materials of `scene` from their recordings. Raises `RecordingError`."""
-    from palpate.experiment.recordings import manifest
-
-    synthesis = protocol.table(Footstep).synthesis
-    loaded = manifest.load(recordings, synthesis=synthesis, material_ids=scene.materials)
-    return {material: loaded.spectra(material, average=synthesis.average) for material in scene.materials}
-
-
-def fastest_mm_s(protocol: Protocol) -> float:
-    """Return the speed of the fastest foot whose trial a protocol counts, mm/s; infinity if it names none."""
-    limits = [rule.limit for rule in protocol.exclusion if rule.when == "speed-above" and rule.limit is not None]
-    return min(limits, default=float("inf"))
-
-
-def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> tuple[str, float]:
-    """Return the material with the largest rms outside the tactile band at a speed that counts, and that, m/s^2.
-
-    It is infinity if any speed counts. Raises `SynthesisError` if a speed that counts has no spectrum.
-    """
-    from palpate.experiment.synthesis.crinkle import rms_outside
-
-    fastest, band_hz = fastest_mm_s(protocol), protocol.table(Footstep).tactile.band_hz
-    if fastest == float("inf"):
-        return next(iter(spectra)), fastest
-    levels = {m: rms_outside(of, band_hz=band_hz, fastest_mm_s=fastest) for m, of in spectra.items()}
-    loudest = max(levels, key=levels.__getitem__)
-    return loudest, levels[loudest]
-
-
-def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rate_hz: int) -> dict[str, Basis]:
-    """Return the prepared materials of `scene` by id, for an actuator's rate in Hz.
-
-    Raises `RecordingError` for a bad recording, and `SynthesisError` if no waveform can be made at this rate.
-    """
-    spectra = load_spectra(scene=scene, protocol=protocol, recordings=recordings)
-    return prepare_stimuli(spectra, protocol=protocol, output_rate_hz=output_rate_hz)
-
-
-def prepare_stimuli(
-    spectra: Mapping[str, CrinkleSpectra], *, protocol: Protocol, output_rate_hz: int
-) -> dict[str, Basis]:
-    """Return the materials of a task, prepared: with all their bins, or with those of the tactile band.
-
-    Bins outside are left out if `felt_outside` is below the floor in every material: filtering only some would tell
-    them apart. Raises as `open_stimuli`.
-    """
-    from palpate.experiment.synthesis import crinkle, waveforms
-
-    tactile = protocol.table(Footstep).tactile
-    if felt_outside(spectra, protocol)[1] < tactile.floor_m_s2:
-        spectra = {material: crinkle.leave_out(of, band_hz=tactile.band_hz) for material, of in spectra.items()}
-    return {
-        material: waveforms.prepare(of, material=material, output_rate_hz=output_rate_hz)
-        for material, of in spectra.items()
-    }
 
 
 def masker_samples(*, colour: Colour, rate_hz: int, seconds: float) -> NDArray[np.float64]:

@@ -48,6 +48,7 @@ from palpate.experiment.rehearsal.wires.foot import Foot, trajectory
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.session.kinds.footstep.stimulus import Sounder
 from palpate.experiment.session.kinds.footstep.watch import Feed, Watch, WatchedStep, watch
 from palpate.experiment.session.masker import open_sound
@@ -122,7 +123,9 @@ def session(
         landed.priority = opened.enter_context(host.raised())
         planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rig.actuator.rate_hz
         recordings = folder / storage.RECORDINGS
-        materials = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
+        materials = preparation.open_stimuli(
+            scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz
+        )
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()
         foot = Foot(line, tracker_of(rig), real_time=True, clock=Gaining(drift_ppm), rest_mm=REST_MM, noise_mm=NOISE_MM)

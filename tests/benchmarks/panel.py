@@ -20,6 +20,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires.modes import MovingPanel, read
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.synthesis.budget import of_voltages
 from palpate.experiment.synthesis.spectra import spectrum
 from palpate.experiment.synthesis.voltages import Drive
@@ -57,7 +58,7 @@ def bases() -> dict[str, Basis]:
     with tempfile.TemporaryDirectory() as folder:
         made = recorded_takes.make_recordings(Path(folder) / "recordings", protocol=protocol, seed=1).parent
         virtual = scene.plan(protocol=protocol, task_id="virtual")
-        materials = scene.load_spectra(scene=virtual, protocol=protocol, recordings=made)
+        materials = preparation.load_spectra(scene=virtual, protocol=protocol, recordings=made)
     return {m: prepare(spectra, material=m, output_rate_hz=actuator.rate_hz) for m, spectra in materials.items()}
 
 

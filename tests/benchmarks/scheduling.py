@@ -46,6 +46,7 @@ from palpate.experiment.rehearsal.wires import foot
 from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.session.kinds.footstep.stimulus import Sounder
 from palpate.experiment.session.kinds.footstep.watch import Feed, Watch, watch
 from palpate.experiment.session.masker import open_sound
@@ -193,7 +194,9 @@ def gate_to_scheduled_ms(
     protocol = files.load(shipped("okamoto2012.toml"))
     planned = scene.plan(protocol=protocol, task_id="virtual")
     recordings = folder / "rehearsal" / storage.RECORDINGS
-    materials = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
+    materials = preparation.open_stimuli(
+        scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz
+    )
     rig_file, clock, tracker = shipped(f"rigs/{rig_name}.toml"), MonotonicClock(), Replayed()
     rig = rigs.load(rig_file)
     rig = rig.model_copy(update={"actuator": rig.actuator.model_copy(update={"rate_hz": rate_hz})})

@@ -21,6 +21,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep import preparation
 
 STARTS = 21
 REHEARSALS = 3
@@ -75,7 +76,7 @@ def main() -> None:
         whole_s = seconds(lambda: rehearse(folder, 99, jobs, 15))
         print(f"whole study, {jobs} processes    {1000 / whole_s:8.1f} trials/s   (25 sessions: {whole_s:.1f} s)")
         planned = scene.plan(protocol=protocol, task_id="virtual")
-        materials = scene.open_stimuli(
+        materials = preparation.open_stimuli(
             scene=planned,
             protocol=protocol,
             recordings=folder / "0-1" / storage.RECORDINGS,

@@ -78,6 +78,30 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/synthesis/contact",
         "experiment/synthesis/tap.py",
     ),
+    "footstep": (
+        "experiment/dataset/kinds/footstep.py",
+        "experiment/dataset/kinds/footstep.toml",
+        "experiment/protocol/kinds/footstep.py",
+        "experiment/protocol/page/footstep.py",
+        *(f"experiment/recordings/{name}.py" for name in ("manifest", "store", "workflow")),
+        "experiment/records/kinds/footstep.json",
+        "experiment/records/kinds/footstep.py",
+        "experiment/rehearsal/kinds/footstep",
+        *(
+            f"experiment/session/kinds/footstep/{name}.py"
+            for name in (
+                "__init__",
+                "doctor",
+                "error_budget",
+                "fidelity",
+                "preparation",
+                "scene_cost",
+                "stimulus",
+                "trials",
+                "watch",
+            )
+        ),
+    ),
     "panel": (
         "experiment/apparatus/panel/calibration.py",
         "experiment/apparatus/panel/drift.py",
@@ -128,7 +152,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     "numerics": ("analysis/numerics",),
     "validation": ("analysis/validation",),
 }
-"""The rooms and modules of each wing; `tapping` is with servo and contact, `audit` with the reading of papers."""
+"""The rooms and modules of each: `tapping` with servo and contact, `footstep` with recordings, `audit` with papers."""
 
 
 def trunk_modules(trunk: Trunk, imports: Imports) -> set[str]:

@@ -14,6 +14,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.synthesis import tap
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
 from palpate.experiment.synthesis.spectra import spectrum
@@ -32,7 +33,7 @@ def materials(tmp_path_factory: pytest.TempPathFactory) -> dict[str, CrinkleSpec
     protocol = files.load(shipped("okamoto2012.toml"))
     folder = recorded_takes.make_recordings(tmp_path_factory.mktemp("made") / "r", protocol=protocol, seed=1).parent
     virtual = scene.plan(protocol=protocol, task_id="virtual")
-    return scene.load_spectra(scene=virtual, protocol=protocol, recordings=folder)
+    return preparation.load_spectra(scene=virtual, protocol=protocol, recordings=folder)
 
 
 def in_volts() -> ActuatorRig:

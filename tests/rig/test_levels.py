@@ -35,6 +35,7 @@ from palpate.experiment.rehearsal.kinds.tapping.hand import SPEED_MEDIAN_MM_S, S
 from palpate.experiment.rehearsal.kinds.tapping.participant import AGAIN, THRESHOLD_M_S2
 from palpate.experiment.rehearsal.study import rehearse
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.session.kinds.footstep.levels import scaled
 from tests.experiment.protocol import leveled
 from tests.experiment.records.test_journal import chained
@@ -152,7 +153,7 @@ def test_a_step_is_made_of_the_recordings_at_its_level(tmp_path: Path) -> None:
     assert list(checks.findings(checks.load(root))) == []
     protocol, recordings = files.load(storage.protocol_path(root)), root / storage.RECORDINGS
     planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rigs.load(RIG).actuator.rate_hz
-    made = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
+    made = preparation.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
     (entries,) = sessions(root)
     steps, levels = 0, set[float]()
     level = 0.0

@@ -32,6 +32,7 @@ from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires import panel as response
 from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.synthesis.spectra import bin_frequencies_hz, spectrum
 from palpate.experiment.synthesis.waveforms import Basis, Stimulus
 from tests.approved import Refuses
@@ -172,7 +173,9 @@ def materials(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Basis]:
     recordings = tmp_path_factory.mktemp("recordings") / "simulated"
     recorded_takes.make_recordings(recordings, protocol=protocol, seed=1)
     planned = scene.plan(protocol=protocol, task_id="virtual")
-    return scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=SHAPED.rate_hz)
+    return preparation.open_stimuli(
+        scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=SHAPED.rate_hz
+    )
 
 
 DELIVERED_WITHIN = 3e-3

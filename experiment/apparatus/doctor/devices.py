@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.audio import calibration as audio_calibration
-from palpate.experiment.apparatus.audio import microphone as microphones
 from palpate.experiment.apparatus.audio.stream import AudioStream, StreamHealth
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.ports import Tracker
@@ -267,6 +266,8 @@ def microphone(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
     """Return whether the microphone hears anything, and not too much; nothing where the rig has none."""
     if audio.channels.microphone is None:
         return ()
+    from palpate.experiment.apparatus.audio import microphone as microphones
+
     loud = microphones.AudioMicrophone(stream, audio).loudness()
     return (
         judged(

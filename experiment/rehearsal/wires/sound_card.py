@@ -24,11 +24,11 @@ from palpate.experiment.apparatus.audio.stream import looking_anew
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.errors import AudioError
 from palpate.experiment.rehearsal.wires.listener import Tap
-from palpate.experiment.rehearsal.wires.mouth import Mouth, Samples, leak
 from palpate.experiment.rehearsal.wires.panel import LONGEST_S, CardPanel
 
 if TYPE_CHECKING:
     from palpate.experiment.rehearsal.wires.modes import MovingPanel
+    from palpate.experiment.rehearsal.wires.mouth import Mouth, Samples
 
 DEVICE = "system"
 """As PortAudio names the simulated card."""
@@ -101,6 +101,8 @@ class SoundCard:
 
     def mouth(self, headphones: int, microphone: int, response: Samples) -> Mouth:
         """Put a mouth before an input of the session's stream; headphones on an output leak. Raises `AudioError`."""
+        from palpate.experiment.rehearsal.wires.mouth import Mouth
+
         with host.elsewhere(), host.taking_turns():
             ports = {"headphones": self._port("out", headphones).name, "microphone": self._port("in", microphone).name}
             return Mouth(self.name, **ports, response=response)
@@ -252,6 +254,8 @@ class WiredCard:
         headphones, microphone = self._channels.headphones[0], self._channels.microphone
         if microphone is None:
             raise AudioError("simulated sound card", "got no audio.channels.microphone", "name it", allowed="an input")
+        from palpate.experiment.rehearsal.wires.mouth import leak
+
         mouth = self.card.mouth(headphones, microphone, leak(rate_hz=self._rate_hz))
         self._opened.callback(mouth.close)
         return mouth

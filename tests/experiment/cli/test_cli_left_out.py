@@ -17,11 +17,12 @@ from typer.testing import CliRunner, Result
 
 from palpate.experiment.apparatus.doctor.checks import lines
 from palpate.experiment.cli.app import app
+from palpate.experiment.cli.rig import omissions
 from palpate.experiment.errors import Finding, RecordingError, RigError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
-from palpate.experiment.session.kinds.footstep.doctor import binding, omissions
+from palpate.experiment.session.kinds.footstep.doctor import binding
 from palpate.experiment.session.kinds.footstep.fidelity import speeds_mm_s
 from tests.approved import anywhere
 

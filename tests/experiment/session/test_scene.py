@@ -26,7 +26,7 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Probe, Protocol
 from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.session import scene
-from palpate.experiment.session.kinds.footstep import scene_cost
+from palpate.experiment.session.kinds.footstep import preparation, scene_cost
 from palpate.experiment.session.kinds.footstep import scene_cost as cost
 from palpate.experiment.synthesis import waveforms
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
@@ -230,7 +230,7 @@ def test_an_actuator_below_the_headphones_is_opened_with_them_and_stays_silent(
 @pytest.fixture(scope="module")
 def held(protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
     virtual = scene.plan(protocol=protocol, task_id="virtual")
-    return scene.load_spectra(scene=virtual, protocol=protocol, recordings=recordings)
+    return preparation.load_spectra(scene=virtual, protocol=protocol, recordings=recordings)
 
 
 def counting_up_to(protocol: Protocol, limit_mm_s: float) -> Protocol:
@@ -251,7 +251,7 @@ def outside_rms(spectra: CrinkleSpectra, speed_mm_s: float) -> float:
 
 def bands(spectra: dict[str, CrinkleSpectra], protocol: Protocol) -> set[str]:
     """The bands outside of which bins are left out, of all materials."""
-    prepared = scene.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=5000)
+    prepared = preparation.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=5000)
     return {basis.band for basis in prepared.values()}
 
 
@@ -259,7 +259,7 @@ def test_the_shipped_study_leaves_out_no_bin_for_copy_paper_is_felt_beyond_the_b
     protocol: Protocol, held: dict[str, CrinkleSpectra]
 ) -> None:
     assert bands(held, protocol) == {""}
-    loudest, level = scene.felt_outside(held, protocol)
+    loudest, level = preparation.felt_outside(held, protocol)
     assert loudest == "copy paper"
     assert level == pytest.approx(outside_rms(held["copy paper"], 600.0), rel=1e-12)
     assert level > protocol.table(Footstep).tactile.floor_m_s2
@@ -272,7 +272,7 @@ def test_a_study_of_slow_feet_leaves_out_what_lies_beyond_the_band_of_every_mate
     for spectra in held.values():
         assert max(outside_rms(spectra, v) for v in np.linspace(0, 120, 61)) < slow.table(Footstep).tactile.floor_m_s2
     virtual = scene.plan(protocol=slow, task_id="virtual")
-    opened = scene.open_stimuli(scene=virtual, protocol=slow, recordings=recordings, output_rate_hz=5000)
+    opened = preparation.open_stimuli(scene=virtual, protocol=slow, recordings=recordings, output_rate_hz=5000)
     for material, spectra in held.items():
         whole, band = waveforms.prepare(spectra, material=material, output_rate_hz=5000), opened[material]
         assert (band.material, band.band) == (material, ", 0 to 500 Hz")
@@ -320,7 +320,7 @@ def test_what_is_felt_does_not_depend_on_how_long_it_was_recorded(
         panel_takes=np.zeros((2, 1, samples)),
     )
     assert bands({"noise": spectra}, protocol) == {", 0 to 500 Hz" if pruned else ""}
-    assert scene.felt_outside({"noise": spectra}, protocol)[1] == pytest.approx(rms_m_s2, rel=0.02)
+    assert preparation.felt_outside({"noise": spectra}, protocol)[1] == pytest.approx(rms_m_s2, rel=0.02)
 
 
 def test_the_plan_lists_and_measures_what_each_task_leaves_out(
@@ -380,7 +380,7 @@ def test_no_part_is_measured_with_the_spectra_of_the_materials(
 ) -> None:
     """Stimuli are prepared from spectra that are there: loading them is the row of the materials alone."""
     running: list[str] = []
-    load, measured = scene.load_spectra, cost.measured
+    load, measured = preparation.load_spectra, cost.measured
     loaded_within = []
 
     def watched(call: Callable[[], object]) -> tuple[cost.Timing, float]:
@@ -396,7 +396,7 @@ def test_no_part_is_measured_with_the_spectra_of_the_materials(
         return load(**given)
 
     monkeypatch.setattr(cost, "measured", watched)
-    monkeypatch.setattr(scene, "load_spectra", counted)
+    monkeypatch.setattr(preparation, "load_spectra", counted)
     rig = rigs.load(shipped("rigs/rehearsal.toml"))
     folder = shipped("rigs/rehearsal.toml").parent
     scene_cost.plan(protocol=protocol, rig=rig, rig_folder=folder, task_id="real", recordings=recordings)

@@ -6,10 +6,12 @@ compares by equation (6) of Okamoto et al., and the similarity that `designs` ju
 parameters are the same for all materials (`experiment/decisions.md`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +25,14 @@ from palpate.experiment.rehearsal.designs import Percept, judge_of
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.kinds.footstep.recorded_takes import SimulatedMaterials, generic, make_recordings
 from palpate.experiment.rehearsal.participant import SimulatedPerson
-from palpate.experiment.rehearsal.voice import Speaker
 from palpate.experiment.rehearsal.wires.foot import Foot, Hesitation
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 from palpate.experiment.session import scene
 from palpate.experiment.storage import RECORDINGS
 from palpate.experiment.synthesis.spectra import spectrum
+
+if TYPE_CHECKING:
+    from palpate.experiment.rehearsal.voice import Speaker
 
 NOTICEABLE = 10 ** (2.5 / 20)
 MEMORY_NOISE = 0.06

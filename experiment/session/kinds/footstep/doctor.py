@@ -4,14 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor.checks import passed, refused, unchecked
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.errors import Finding, PalpateError, RecordingError, RigError
-from palpate.experiment.protocol import files
+from palpate.experiment.errors import Finding, PalpateError, RecordingError
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.session.kinds.footstep.fidelity import WEAKER, judged, played, speeds_mm_s
 from palpate.experiment.study.enrolment import default_root
 
@@ -20,24 +19,12 @@ NAME = "left out"
 
 
 def omissions(
-    rig_file: Path, protocol_file: Path | None, dataset: Path | None, recordings: Path | None
+    protocol: Protocol, rig: Rig, rig_folder: Path, dataset: Path | None, recordings: Path | None
 ) -> Iterator[Finding]:
     """Yield what a rig leaves out of a study's recordings, and whether the protocol allows that.
 
-    Nothing is yielded of a study that synthesises no footsteps, nor of a rig file that cannot be used. Without
-    `recordings` those of the dataset are taken, and without `dataset` the study's own. Raises `ProtocolError`.
+    Without `recordings` those of the dataset are taken, and without `dataset` the study's own.
     """
-    protocol = files.load(protocol_file) if protocol_file is not None else None
-    if protocol is not None and not (protocol.renders and scene.virtual(protocol).synthesis):
-        return
-    try:
-        rig = rigs.load(rig_file)
-    except RigError:
-        # A check of its own is red for it.
-        return
-    if protocol is None:
-        yield unchecked(NAME, "no protocol was given", "add --protocol, and the folder of its --recordings")
-        return
     most = protocol.table(Footstep).synthesis.left_out_max
     allowed = f"{most * 100:.6g}%" if most else "anything, for the protocol has no footstep.synthesis.left_out_max"
     folder = recordings or (dataset or default_root(protocol)) / storage.RECORDINGS
@@ -46,7 +33,7 @@ def omissions(
         yield unchecked(NAME, missing, "give their folder, with --recordings")
         return
     try:
-        share = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+        share = judged(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=folder)
     except PalpateError as error:
         yield refused(NAME, error)
         return
@@ -82,7 +69,7 @@ def limit_scales(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: 
     """Return the scale of each material that a study plays, at each of `speeds_mm_s`; raises as `judged`."""
     found: dict[str, tuple[float, ...]] = {}
     for each in scene.played(protocol):
-        spectra = scene.load_spectra(scene=each, protocol=protocol, recordings=recordings)
+        spectra = preparation.load_spectra(scene=each, protocol=protocol, recordings=recordings)
         given = played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder)
         found |= {material: tuple(one.scale * one.panel_scale for one in of) for material, of in given.items()}
     return found

@@ -20,6 +20,7 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings import manifest
 from palpate.experiment.session import scene as scenes
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.session.kinds.footstep.felt import LEAST_SHARE, QUIETEST_DB, WINDOW_S, Felt, felt
 from palpate.experiment.session.kinds.footstep.fidelity import (
     SHOWN,
@@ -87,7 +88,7 @@ def detailed(
     *, scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
 ) -> dict[str, Detailed]:
     """Return what `fidelity` does, in detail."""
-    spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    spectra = preparation.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     taken = manifest.load(recordings, synthesis=protocol.table(Footstep).synthesis, material_ids=scene.materials)
     found, speeds, measured = {}, speeds_mm_s(protocol), rig.actuator.measured
     rate_hz = rig.actuator.rate_hz

@@ -24,6 +24,7 @@ from palpate.experiment.errors import Finding, Remedy, RigError
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene as scenes
+from palpate.experiment.session.kinds.footstep import preparation
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.panel.conditioning import Played
@@ -47,7 +48,7 @@ class Fidelity:
 
 def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
     """Return speeds from the slowest to the fastest foot that a protocol counts, mm/s."""
-    recorded, fastest = protocol.table(Footstep).synthesis.speeds_mm_s, scenes.fastest_mm_s(protocol)
+    recorded, fastest = protocol.table(Footstep).synthesis.speeds_mm_s, preparation.fastest_mm_s(protocol)
     slow = [rule.limit for rule in protocol.exclusion if rule.when == "speed-below" and rule.limit]
     slowest = max(slow, default=recorded[0] / BEYOND)
     fastest = recorded[-1] * BEYOND if fastest == inf else max(fastest, slowest)
@@ -67,7 +68,7 @@ def played(
     limit_m_s2, actuator = protocol.exposure.vibration_peak_m_s2, rig.actuator
     drive = open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2)
     condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive)
-    prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=actuator.rate_hz)
+    prepared = preparation.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=actuator.rate_hz)
     speeds = speeds_mm_s(protocol)
     return {material: [condition(basis.at(v)) for v in speeds] for material, basis in prepared.items()}
 
@@ -79,7 +80,7 @@ def fidelity(
 
     Raises `RecordingError` for a missing or unusable recording, and as `played`.
     """
-    spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    spectra = preparation.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     every = played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder)
     speeds = speeds_mm_s(protocol)
     return {material: Fidelity(speeds, tuple(one.budget()[0] for one in each)) for material, each in every.items()}

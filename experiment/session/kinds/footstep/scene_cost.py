@@ -22,6 +22,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene as scenes
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.session.kinds.footstep.error_budget import ErrorBudget, error_budget, percent, wrapped
 
 if TYPE_CHECKING:
@@ -271,10 +272,10 @@ def _real(
     from palpate.experiment.apparatus.panel.conditioning import open_drive
 
     virtual = scenes.virtual(protocol)
-    load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
+    load = partial(preparation.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
     imported, imported_kb = import_cost(STIMULUS_MODULES)
     loaded, loaded_kb = measured(load)
-    prepare = partial(scenes.prepare_stimuli, load(), protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
+    prepare = partial(preparation.prepare_stimuli, load(), protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
     prepared, prepared_kb = measured(prepare)
     materials = prepare()
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
@@ -311,15 +312,15 @@ def _virtual(
     scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path, budget: ErrorBudget
 ) -> tuple[tuple[str, ...], tuple[Omission, ...]]:
     rate_hz = rig.actuator.rate_hz
-    held = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    held = preparation.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     needs = [f"parts     {', '.join(ALWAYS)}, synthesis, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
-    others = scenes.besides(scene=scene, protocol=protocol, recordings=recordings)
+    others = preparation.besides(scene=scene, protocol=protocol, recordings=recordings)
     if others.materials:
-        load = partial(scenes.load_spectra, scene=others, protocol=protocol, recordings=recordings)
+        load = partial(preparation.load_spectra, scene=others, protocol=protocol, recordings=recordings)
         nothing = "nothing: no trial of this task presents them"
         left_out.append(Omission("materials", f"spectra of {', '.join(others.materials)}", *measured(load), nothing))
-    for material, basis in scenes.prepare_stimuli(held, protocol=protocol, output_rate_hz=rate_hz).items():
+    for material, basis in preparation.prepare_stimuli(held, protocol=protocol, output_rate_hz=rate_hz).items():
         off = percent(*budget.materials[material].range(lambda one: one.total))
         way = "basis waveforms" if rig.actuator.shaping is None else "voltages, prepared where they fit"
         needs.append(f"material  {material}: {way}{basis.band}, off by {off} % (rms), {basis.nbytes / 1e3:.0f} kB")
@@ -338,11 +339,11 @@ def _virtual(
 
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
     """Return which bins are asked for: whether those outside the tactile band may be left out, and why."""
-    tactile, fastest = protocol.table(Footstep).tactile, scenes.fastest_mm_s(protocol)
+    tactile, fastest = protocol.table(Footstep).tactile, preparation.fastest_mm_s(protocol)
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     if fastest == float("inf"):
         return "all are asked for: the protocol counts trials at any speed, so nothing is known to stay below the floor"
-    loudest, level = scenes.felt_outside(held, protocol)
+    loudest, level = preparation.felt_outside(held, protocol)
     reached = f"reaches {level:.2g} m/s^2 rms at up to {fastest:g} mm/s ({loudest})"
     if level >= tactile.floor_m_s2:
         return f"all are asked for: what lies outside {band} {reached}, not below the floor {tactile.floor_m_s2:g}"
@@ -353,7 +354,7 @@ def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent
     """Return what leaving out the bins beyond the tactile band of one material saves and costs."""
     from palpate.experiment.synthesis import crinkle, waveforms
 
-    tactile, fastest = protocol.table(Footstep).tactile, scenes.fastest_mm_s(protocol)
+    tactile, fastest = protocol.table(Footstep).tactile, preparation.fastest_mm_s(protocol)
     whole = waveforms.prepare(spectra, material=held.material, output_rate_hz=held.output_rate_hz)
     saves = taken([_summed_ms(whole) - _summed_ms(held) for _ in range(TURNS)])
     loudest = crinkle.rms_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)

@@ -122,10 +122,11 @@ def open_footsteps(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, 
 
 def _prepared(planned: scene.Scene, sitting: Sitting, recordings: Path, ends: FarEnds) -> Stimuli:
     from palpate.experiment.apparatus.panel.conditioning import open_drive
+    from palpate.experiment.session.kinds.footstep.preparation import open_stimuli
 
     protocol, rig = sitting.protocol, sitting.rig
     materials = ends.played(
-        scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rig.actuator.rate_hz)
+        open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rig.actuator.rate_hz)
     )
     folder, limit_m_s2 = sitting.rig_file.parent, protocol.exposure.vibration_peak_m_s2
     return Stimuli(materials, open_drive(folder, rig.actuator, limit_m_s2=limit_m_s2, materials=materials))
@@ -459,4 +460,12 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
 
 
 _ROOM = "palpate.experiment.session.kinds.footstep"
-KIND = SessionKind(open_footsteps, _recorded, _check_rig, f"{_ROOM}.fidelity", f"{_ROOM}.doctor", frames=True)
+KIND = SessionKind(
+    open_footsteps,
+    _recorded,
+    _check_rig,
+    f"{_ROOM}.fidelity",
+    f"{_ROOM}.doctor",
+    frames=True,
+    recordings=f"{_ROOM}.preparation",
+)

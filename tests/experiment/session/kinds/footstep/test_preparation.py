@@ -17,6 +17,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.session.kinds.footstep.stimulus import Sounder, Sounding
 
 MOST_CALLS, MOST_MODULES = 12, 5
@@ -46,7 +47,7 @@ def test_a_preparation_from_gate_speed_to_limiter_is_a_dozen_calls_in_five_modul
     actuator, limit_m_s2 = rigs.load(rig_file).actuator, protocol.exposure.vibration_peak_m_s2
     recordings = recorded_takes.make_recordings(tmp_path / "r", protocol=protocol, seed=1).parent
     planned = scene.plan(protocol=protocol, task_id="virtual")
-    materials = scene.open_stimuli(
+    materials = preparation.open_stimuli(
         scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=actuator.rate_hz
     )
     drive = open_drive(rig_file.parent, actuator, limit_m_s2=limit_m_s2, materials=materials) if volts else None

@@ -1,0 +1,93 @@
+"""From a study's recordings to the prepared materials of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from palpate.experiment import storage
+from palpate.experiment.errors import RecordingError, Remedy
+from palpate.experiment.protocol.kinds.footstep import Footstep
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.recordings import manifest
+from palpate.experiment.session.scene import Scene, virtual
+from palpate.experiment.synthesis import waveforms
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, leave_out, rms_outside
+from palpate.experiment.synthesis.waveforms import Basis
+
+
+def real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
+    """Return the given folder of recordings or the dataset's. Raises `RecordingError` if simulated, others or bad."""
+    kept = root / storage.RECORDINGS
+    folder = given or kept
+    if manifest.is_simulated(folder):
+        raise RecordingError(
+            folder,
+            "the recordings are simulated",
+            Remedy("record real ones ({}), or use palpate rehearse", manifest.RECORD),
+        )
+    if not kept.exists():
+        needed = virtual(protocol).materials
+        manifest.load(folder, synthesis=protocol.table(Footstep).synthesis, material_ids=needed)
+    elif manifest.sha256(folder) != manifest.sha256(kept):
+        raise RecordingError(folder, "the study was begun with other recordings", "leave out --recordings")
+    return folder
+
+
+def besides(*, scene: Scene, protocol: Protocol, recordings: Path) -> Scene:
+    """Return a scene with the materials instead that are recorded and not its own; errors as `load_spectra`."""
+    recorded = manifest.materials_of(recordings).difference(scene.materials)
+    return replace(scene, materials=tuple(one.id for one in protocol.materials if one.id in recorded))
+
+
+def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
+    """Return the spectra of the materials of `scene` from their recordings. Raises `RecordingError`."""
+    synthesis = protocol.table(Footstep).synthesis
+    loaded = manifest.load(recordings, synthesis=synthesis, material_ids=scene.materials)
+    return {material: loaded.spectra(material, average=synthesis.average) for material in scene.materials}
+
+
+def fastest_mm_s(protocol: Protocol) -> float:
+    """Return the speed of the fastest foot whose trial a protocol counts, mm/s; infinity if it names none."""
+    limits = [rule.limit for rule in protocol.exclusion if rule.when == "speed-above" and rule.limit is not None]
+    return min(limits, default=float("inf"))
+
+
+def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> tuple[str, float]:
+    """Return the material with the largest rms outside the tactile band at a speed that counts, and that, m/s^2.
+
+    It is infinity if any speed counts. Raises `SynthesisError` if a speed that counts has no spectrum.
+    """
+    fastest, band_hz = fastest_mm_s(protocol), protocol.table(Footstep).tactile.band_hz
+    if fastest == float("inf"):
+        return next(iter(spectra)), fastest
+    levels = {m: rms_outside(of, band_hz=band_hz, fastest_mm_s=fastest) for m, of in spectra.items()}
+    loudest = max(levels, key=levels.__getitem__)
+    return loudest, levels[loudest]
+
+
+def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rate_hz: int) -> dict[str, Basis]:
+    """Return the prepared materials of `scene` by id, for an actuator's rate in Hz.
+
+    Raises `RecordingError` for a bad recording, and `SynthesisError` if no waveform can be made at this rate.
+    """
+    spectra = load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    return prepare_stimuli(spectra, protocol=protocol, output_rate_hz=output_rate_hz)
+
+
+def prepare_stimuli(
+    spectra: Mapping[str, CrinkleSpectra], *, protocol: Protocol, output_rate_hz: int
+) -> dict[str, Basis]:
+    """Return the materials of a task, prepared: with all their bins, or with those of the tactile band.
+
+    Bins outside are left out if `felt_outside` is below the floor in every material: filtering only some would tell
+    them apart. Raises as `open_stimuli`.
+    """
+    tactile = protocol.table(Footstep).tactile
+    if felt_outside(spectra, protocol)[1] < tactile.floor_m_s2:
+        spectra = {material: leave_out(of, band_hz=tactile.band_hz) for material, of in spectra.items()}
+    return {
+        material: waveforms.prepare(of, material=material, output_rate_hz=output_rate_hz)
+        for material, of in spectra.items()
+    }
