@@ -341,8 +341,8 @@ def effect(moments: Moments, null: Fraction) -> Interval | None:
         return None
     distance = moments.mean.plus(point(-null))
     low_sd, high_sd = (math.sqrt(end) for end in (moments.variance.low, moments.variance.high))
-    low = _quotient(float(distance.low), low_sd if distance.low < 0 else high_sd)
-    high = _quotient(float(distance.high), low_sd if distance.high > 0 else high_sd)
+    low = _extended_ratio(float(distance.low), low_sd if distance.low < 0 else high_sd)
+    high = _extended_ratio(float(distance.high), low_sd if distance.high > 0 else high_sd)
     return outward(low, high)
 
 
@@ -396,14 +396,14 @@ def ss_within(cells: Sequence[Moments]) -> Interval:
 def f_of(effect_ss: Interval, residual_ss: Interval, df: tuple[int, int]) -> Interval:
     """Return the F of an effect's and the residual's sums of squares."""
     factor = df[1] / df[0]
-    low = _quotient(float(effect_ss.low), float(residual_ss.high))
-    return outward(factor * low, factor * _quotient(float(effect_ss.high), float(residual_ss.low)))
+    low = _extended_ratio(float(effect_ss.low), float(residual_ss.high))
+    return outward(factor * low, factor * _extended_ratio(float(effect_ss.high), float(residual_ss.low)))
 
 
 def quotient(above: Interval, below: Interval) -> Interval:
     """Return every ratio of two numbers that are not negative."""
-    low = _quotient(max(float(above.low), 0.0), float(below.high))
-    return outward(low, _quotient(float(above.high), max(float(below.low), 0.0)))
+    low = _extended_ratio(max(float(above.low), 0.0), float(below.high))
+    return outward(low, _extended_ratio(float(above.high), max(float(below.low), 0.0)))
 
 
 def together(moments: Sequence[Moments]) -> Moments:
@@ -426,7 +426,8 @@ def _off(spans: Sequence[_Span], centre: Fraction) -> list[tuple[int | Fraction,
     return [(n, (low if centre < low else high) - centre) for n, low, high in spans if not low <= centre <= high]
 
 
-def _quotient(above: float, below: float) -> float:
+def _extended_ratio(above: float, below: float) -> float:
+    """Return a ratio that may be infinite; 0 / 0 is 0."""
     if below == 0:
         return math.copysign(math.inf, above) if above else 0.0
     return above / below

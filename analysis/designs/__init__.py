@@ -50,8 +50,8 @@ class AnalysisDesign:
     """Study, attempts, what was left out -> exported tables by file, and columns that the file of its name lacks."""
     figures: str
     """The module whose `sheets` draws results."""
-    power: str
-    """The module that makes models of answers."""
+    power: str = ""
+    """The module that makes models of answers, if any does."""
     audit: str = ""
     """The module whose `beside_print` compares results with print, if any does."""
 

@@ -86,7 +86,7 @@ def run_companions(study: Study, tasks: Mapping[str, Confusion], rng: np.random.
     materials: dict[str, tuple[Repeated, ...]] = {}
     for task, matrix in tasks.items():
         ratios = _ratios(matrix, matrix.complete, matrix.presented)
-        found = said.attempt(f"repeated-measures ANOVA of {task}", partial(repeated, ratios, ["material"]))
+        found = said.compute(f"repeated-measures ANOVA of {task}", partial(repeated, ratios, ["material"]))
         if found is not None:
             materials[task] = found
     linked = study.origin != "RECONSTRUCTION"
@@ -94,14 +94,14 @@ def run_companions(study: Study, tasks: Mapping[str, Confusion], rng: np.random.
     paired: list[Paired] = []
     if len(tasks) > 1:
         if linked:
-            both = said.attempt("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
+            both = said.compute("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
             for first, second in combinations(tasks, 2):
-                one = said.attempt(f"comparison of {first} with {second}", partial(_paired, first, second, tasks, rng))
+                one = said.compute(f"comparison of {first} with {second}", partial(_paired, first, second, tasks, rng))
                 paired += [one] if one else []
         else:
             said["paired comparison of tasks"] = LINKED
     if linked:
-        logit = said.attempt("logit in which participants differ by material and task", partial(slopes_logit, tasks))
+        logit = said.compute("logit in which participants differ by material and task", partial(slopes_logit, tasks))
     else:
         logit, said["logit in which participants differ by material and task"] = None, LINKED
     return Beside(materials, both or (), tuple(paired), logit, said)

@@ -97,20 +97,20 @@ def identify(
     """Return everything for one task; `dissimilarities` of its materials, shape (M, M), may be missing."""
     said = Statements()
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
-    bits = said.attempt("information", lambda: confusions.information(counts.sum(axis=0)))
+    bits = said.compute("information", lambda: confusions.information(counts.sum(axis=0)))
     # In this order, for some of them draw.
     return Identification(
         task=task,
         information=bits,
-        jackknife=said.attempt("information interval", lambda: _information(matrix, counts, bits)) if bits else None,
-        choice=said.attempt("choice", lambda: _choice(_whole(matrix), rng)),
-        lapses=said.attempt("lapses", lambda: _lapses(_whole(matrix))),
-        scaling=said.attempt("scaling", lambda: maps.classical(maps.from_confusions(_whole(matrix).means()[:, :-1]))),
-        mantel=said.attempt("mantel", lambda: maps.mantel(dissimilarities, _confusing(_whole(matrix)), rng))
+        jackknife=said.compute("information interval", lambda: _information(matrix, counts, bits)) if bits else None,
+        choice=said.compute("choice", lambda: _choice(_whole(matrix), rng)),
+        lapses=said.compute("lapses", lambda: _lapses(_whole(matrix))),
+        scaling=said.compute("scaling", lambda: maps.classical(maps.from_confusions(_whole(matrix).means()[:, :-1]))),
+        mantel=said.compute("mantel", lambda: maps.mantel(dissimilarities, _confusing(_whole(matrix)), rng))
         if dissimilarities is not None
         else None,
         cells=tuple(_cells(matrix)),
-        detection=said.attempt("d'", lambda: _detection(_whole(matrix))),
+        detection=said.compute("d'", lambda: _detection(_whole(matrix))),
         statements=said,
     )
 

@@ -78,7 +78,7 @@ def _planned(plan: PlannedTest, study: Study, tasks: Tasks, rng: np.random.Gener
     else:
         own = {task: tasks[task] for task in plan.tasks if task in tasks}
         parts = TESTS[plan.test](plan, study, own, rng) if own else ()
-        lines = [line for name, compute in parts for line in said.attempt(name, compute) or ()]
+        lines = [line for name, compute in parts for line in said.compute(name, compute) or ()]
     return Planned(plan, tuple(_judged(plan, lines, len(said))), said)
 
 

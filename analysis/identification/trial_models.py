@@ -434,5 +434,5 @@ def trial_level(study: Study) -> TrialLevel:
     if trials is None:
         return TrialLevel(None, None, {}, {}, (), {"GEE logit and mixed logit": why})
     said = Statements()
-    models = said.attempt("GEE logit", lambda: gee(trials)), said.attempt("mixed logit", lambda: mixed(trials))
+    models = said.compute("GEE logit", lambda: gee(trials)), said.compute("mixed logit", lambda: mixed(trials))
     return TrialLevel(*models, trials.absent, trials.left_out, trials.gone, said)

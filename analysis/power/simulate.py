@@ -198,7 +198,14 @@ def find(name: str, protocol: Protocol) -> Model:
     Raises `PowerError` for no such model, one that lacks a task or a material, a scale without a limit, or where no
     test can be simulated; `DatasetError` or `ProtocolError` for a dataset or file that cannot be read.
     """
-    models, path, own = import_module(designs.planned_design(protocol).power), Path(name), name == "published"
+    planned, path, own = designs.planned_design(protocol), Path(name), name == "published"
+    if not planned.power:
+        raise PowerError(
+            f"study {protocol.study.id}",
+            f"no model simulates answers of the design '{planned.name}'",
+            "give a study of another design, or name the module of a model in `power` of its design",
+        )
+    models = import_module(planned.power)
     found: Model
     if printed := published.load(protocol.study.id if own else name):
         found = models.from_print(printed, protocol)

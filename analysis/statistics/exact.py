@@ -43,7 +43,7 @@ def defined(compute: Callable[[], T]) -> tuple[T | None, str]:
 class Statements(dict[str, str]):
     """Why statistics are missing, by their names."""
 
-    def attempt(self, what: str, compute: Callable[[], T]) -> T | None:
+    def compute(self, what: str, compute: Callable[[], T]) -> T | None:
         """Return what is computed; where it is not defined, None, and keep why."""
         found, why = defined(compute)
         if why:

@@ -1,6 +1,7 @@
 """Ctrl-C during a step, or a session's last line: it is raised once what was felt is on file.
 
-Closing a terminal or shutting down is the same. The wait for a foot may be interrupted (`Held.let_through`).
+Closing a terminal or shutting down is the same. The wait for a foot may be interrupted
+(`DeferredInterrupt.let_through`).
 """
 
 import multiprocessing
@@ -18,7 +19,7 @@ SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if 
 """What interrupts a session, Ctrl-C first."""
 
 
-class Held:
+class DeferredInterrupt:
     """An interrupt that waits."""
 
     def __init__(self) -> None:
@@ -55,12 +56,12 @@ class Held:
 
 
 @contextmanager
-def deferred() -> Iterator[Held]:
+def deferred() -> Iterator[DeferredInterrupt]:
     """Defer interrupts until the end, then raise one that came, unless something else was raised.
 
     This is for Python's own `KeyboardInterrupt` in the main thread, without another handler.
     """
-    waits = Held()
+    waits = DeferredInterrupt()
     held = _handled_by(signal.default_int_handler)
     for number in held:
         signal.signal(number, waits.come)

@@ -83,13 +83,13 @@ class Progress:
             ended = replace(done, armed=None, unanswered=asked)
             return ended._later(entry.trial) if entry.put_off else ended
         if isinstance(entry, entry_kinds.Answer):
-            kept = done._unanswered(entry.trial)
+            kept = done._without_answer(entry.trial)
             return replace(kept, said=(*kept.said, (entry.trial, entry.answered)), unanswered=None)
         if isinstance(entry, entry_kinds.Correction):
             said = tuple((trial, entry.answered if trial == entry.trial else said) for trial, said in done.said)
             return replace(done, said=said, corrected=done.corrected | {entry.trial})
         if isinstance(entry, entry_kinds.Redo):
-            redone = replace(done._unanswered(entry.trial), armed=None, unanswered=None)
+            redone = replace(done._without_answer(entry.trial), armed=None, unanswered=None)
             return redone._later(entry.trial) if entry.put_off else redone
         if isinstance(entry, entry_kinds.LevelChosen):
             return replace(done, levels={**done.levels, entry.trial: entry.level})
@@ -101,7 +101,7 @@ class Progress:
             return replace(done, masker_db_a=entry.level_db_a)
         return done
 
-    def _unanswered(self, trial: int) -> Progress:
+    def _without_answer(self, trial: int) -> Progress:
         said = tuple(one for one in self.said if one[0] != trial)
         return replace(self, said=said, corrected=self.corrected - {trial})
 

@@ -248,7 +248,7 @@ class FarEnds(Protocol):
         return None
 
     def played(self, materials: dict[str, Basis]) -> dict[str, Basis]:
-        """Return what is presented for each material, by its id: itself, unless a rehearsal controls for it."""
+        """Return what is played for each material, by its id: itself, unless a rehearsal controls for it."""
         return materials
 
     def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:

@@ -140,7 +140,7 @@ def test_pulseaudio_carries_a_stream_too(
         opened.wait(opened.next_frame + 24_000)
         cue = opened.schedule(wave, channel=0, frame=opened.next_frame + 4096)
         # Its way round is long and not always the same, and under load it tears: found, but not to the sample.
-        found = actuator.align(opened.heard_inputs(cue.frame, 144_000)[:, 0], wave, gain=1.0)
+        found = actuator.align(opened.recorded_inputs(cue.frame, 144_000)[:, 0], wave, gain=1.0)
     finally:
         opened.close()
     assert cue.started == cue.frame

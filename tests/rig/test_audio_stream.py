@@ -40,7 +40,7 @@ def looped(card: SoundCard) -> Iterator[AudioStream]:
 def round_trip(stream: AudioStream) -> int:
     """Frames from an output to the input that it is cabled to."""
     cue = stream.schedule(np.ones(1, np.float32), channel=0, frame=stream.next_frame + 4 * sound.BLOCK)
-    heard = stream.heard_inputs(cue.frame, 8 * sound.BLOCK)[:, 0]
+    heard = stream.recorded_inputs(cue.frame, 8 * sound.BLOCK)[:, 0]
     [at] = np.flatnonzero(heard)
     return int(at)
 
@@ -58,7 +58,7 @@ def test_every_start_is_at_its_frame_and_every_sample_is_heard(looped: AudioStre
             frame += int(rng.integers(1, sound.BLOCK))
             assert looped.move(cue, frame)
         # From the end of whatever was heard before to well after its own end.
-        heard = looped.heard_inputs(frame + behind - 50, 400)[:, 0]
+        heard = looped.recorded_inputs(frame + behind - 50, 400)[:, 0]
         sounding = np.flatnonzero(heard)
         missed += cue.started is None
         errors.append(int(sounding[0]) - 50)
@@ -72,7 +72,7 @@ def test_a_start_in_the_past_is_reported_and_never_played(looped: AudioStream) -
     looped.wait(begun + 4 * sound.BLOCK)
     assert (cue.late, cue.done, cue.started) == (True, True, None)
     assert looped.withdraw(cue)
-    assert not looped.heard_inputs(begun, 4 * sound.BLOCK)[:, 0].any()
+    assert not looped.recorded_inputs(begun, 4 * sound.BLOCK)[:, 0].any()
 
 
 def test_a_callback_that_came_too_late_makes_misses_that_are_counted(
@@ -126,7 +126,7 @@ def test_what_was_withdrawn_is_not_heard_and_what_sounds_cannot_be(looped: Audio
     cue = looped.schedule(np.ones(64), channel=0, frame=begun + 8 * sound.BLOCK)
     assert looped.withdraw(cue)
     assert not looped.move(cue, begun + 9 * sound.BLOCK)
-    assert not looped.heard_inputs(begun, 12 * sound.BLOCK)[:, 0].any()
+    assert not looped.recorded_inputs(begun, 12 * sound.BLOCK)[:, 0].any()
     sounding = looped.schedule(np.ones(sound.RATE_HZ), channel=0, frame=AT_ONCE)
     looped.wait(looped.next_frame + 3 * sound.BLOCK)
     assert not looped.withdraw(sounding)
@@ -138,7 +138,7 @@ def test_nothing_above_the_ceiling_leaves_whatever_was_asked_for(looped: AudioSt
     behind = round_trip(looped)
     limited = [looped.limited(channel) for channel in range(4)]
     cue = looped.schedule(wanted, channel=2, frame=looped.next_frame + 4 * sound.BLOCK)
-    heard = looped.heard_inputs(cue.frame + behind, wanted.size)[:, 1]
+    heard = looped.recorded_inputs(cue.frame + behind, wanted.size)[:, 1]
     assert heard.tolist() == np.array([0, 0.5, -0.5, 0.5, -0.5, 0.5, 0.25, 1e-40], np.float32).tolist()
     assert [looped.limited(channel) for channel in range(4)] == [*limited[:2], limited[2] + 5, limited[3]]
 
@@ -156,7 +156,7 @@ def test_stimuli_and_loop_are_mixed_on_one_clock(looped: AudioStream) -> None:
         looped.schedule(stimulus, channel=0, frame=looped.next_frame + 4 * sound.BLOCK + shift) for shift in (0, 100)
     ]
     first = cues[0].frame
-    heard = looped.heard_inputs(first + behind - 50, 1500)[:, 0]
+    heard = looped.recorded_inputs(first + behind - 50, 1500)[:, 0]
     expected = 0.5 * masker[np.arange(first - 50, first + 1450) % 1000]
     for shift in (50, 150):
         expected[shift : shift + 300] += stimulus

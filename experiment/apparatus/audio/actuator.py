@@ -193,7 +193,7 @@ class AudioActuator:
         reach = round(REACH_S * rate_hz)
         first = max(cue.started + behind - reach, 0)
         end = cue.started + behind + cue.samples + reach
-        heard = self._stream.heard_inputs(first, end - first)[:, self._audio.channels.loopback - 1]
+        heard = self._stream.recorded_inputs(first, end - first)[:, self._audio.channels.loopback - 1]
         gain = latency.loopback_gain
         if not self._samples.any():
             return self._delivery(requested_ns, silence_objection(heard, gain=gain, tolerance=self._tolerance))

@@ -95,7 +95,7 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
     lags, gains, residuals = [], [], []
     for number in range(1, probes + 1):
         cue = stream.schedule(wave, channel=output - 1, frame=stream.next_frame + 4 * stream.lead_frames)
-        heard = stream.heard_inputs(cue.frame, wave.size + reach)[:, entry - 1]
+        heard = stream.recorded_inputs(cue.frame, wave.size + reach)[:, entry - 1]
         found = actuator.align(heard, wave, gain=1.0)
         if cue.started is None or found is None:
             raise AudioError(

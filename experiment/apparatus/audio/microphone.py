@@ -51,7 +51,7 @@ class AudioMicrophone:
         oldest = stream.next_frame - round((KEPT_S - SPARE_S) * stream.rate_hz)
         first = min(max(stream.frame_at(from_ns + self._input_ns), oldest, 0), end)
         return Recorded(
-            microphone=np.ascontiguousarray(stream.heard_inputs(first, end - first)[:, self._entry]),
+            microphone=np.ascontiguousarray(stream.recorded_inputs(first, end - first)[:, self._entry]),
             played=stream.sent(first, end - first),
             begins_ns=stream.ns_of(first) - self._input_ns,
         )
@@ -59,7 +59,7 @@ class AudioMicrophone:
     def loudness(self) -> Loudness:
         end = self._stream.next_frame
         frames = min(end, round(LOOKED_AT_S * self._stream.rate_hz))
-        samples = self._stream.heard_inputs(end - frames, frames)[:, self._entry].astype(np.float64)
+        samples = self._stream.recorded_inputs(end - frames, frames)[:, self._entry].astype(np.float64)
         power = float(np.mean(samples**2)) if samples.size else 0.0
         loudest = float(np.max(np.abs(samples), initial=0.0))
         return Loudness(10 * float(np.log10(max(power, 1e-20))), loudest >= FULL_SCALE)

@@ -213,12 +213,12 @@ class Mixer:
                 self._fill(outputs[piece], inputs[piece], first + begin)
         self.frame = first + frames
 
-    def heard_inputs(self, frame: int, frames: int) -> Block:
+    def recorded_inputs(self, frame: int, frames: int) -> Block:
         """Return what the inputs heard from a frame on, shape (frames, inputs); `AudioError` unless all is kept."""
         return self._taken(self._kept, frame, frames)
 
     def sent(self, frame: int, frames: int) -> Block:
-        """Return what left on the output that is kept from a frame on, shape (frames,). Raises as `heard_inputs`."""
+        """Return what left on the output that is kept from a frame on, shape (frames,). Raises as `recorded_inputs`."""
         if self.layout.sent is None:
             raise AudioError(
                 "audio", "got a request for what was sent", "open it with one", allowed="where an output is kept"

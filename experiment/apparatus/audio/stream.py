@@ -443,13 +443,13 @@ class AudioStream:
         self._mixer.loop = loop
         return loop
 
-    def heard_inputs(self, frame: int, frames: int) -> Block:
+    def recorded_inputs(self, frame: int, frames: int) -> Block:
         """Return what the inputs heard, once they have: shape (frames, inputs); `AudioError` if that cannot be had."""
         self.wait(frame + frames)
-        return self._mixer.heard_inputs(frame, frames)
+        return self._mixer.recorded_inputs(frame, frames)
 
     def sent(self, frame: int, frames: int) -> Block:
-        """Return what left on the output that is kept, once it has, shape (frames,); `AudioError` as `heard_inputs`."""
+        """Return what left on the output that is kept, once it has, shape (frames,); errors as `recorded_inputs`."""
         self.wait(frame + frames)
         return self._mixer.sent(frame, frames)
 

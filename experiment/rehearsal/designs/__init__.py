@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 class Percept:
     """What one stimulus of a trial felt like; a kind gives what its designs judge by.
 
-    `alike` is how like each material it was, as remembered, in the order of the file, shape (n,), and None where
-    nothing was noticed. `strength` has a standard deviation of `error` x `told_apart`, the difference that is just told
-    apart; `favour` is what being presented first adds to it in an answer.
+    `alike` is how like each material it was, as remembered, in the order of the file, shape (n,), or (0,) where nothing
+    was noticed, and None of a kind that gives none. `strength` has a standard deviation of `error` x `told_apart`, the
+    difference that is just told apart; `favour` is what being presented first adds to it in an answer.
     """
 
     alike: NDArray[np.float64] | None = None

@@ -21,6 +21,7 @@ from statsmodels.stats.power import TTestPower
 from statsmodels.stats.proportion import proportion_confint
 from syrupy.assertion import SnapshotAssertion
 
+from palpate.analysis import designs
 from palpate.analysis.power import planned_tests, report, simulate
 from palpate.analysis.power.choice_models import Answers, ChoiceModel, draw, fitted
 from palpate.analysis.power.planned_tests import FLIPS, Model
@@ -192,6 +193,15 @@ def test_power_at_a_size_does_not_depend_on_the_sizes_beside_it() -> None:
     alone, beside = run(study, model), run(study, model, participants=(20, 6, 4, 6))
     assert beside.participants == (4, 6, 20)
     assert [row for row in beside.rows if row.participants == 6] == list(alone.rows)
+
+
+def test_a_design_without_a_model_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    modelless = replace(designs.named("identification"), power="")
+    monkeypatch.setattr(designs, "planned_design", lambda _study: modelless)
+    with pytest.raises(PowerError) as refused:
+        simulate.find("published", files.load(shipped("okamoto2012.toml")))
+    assert refused.value.finding.where == "study okamoto2012"
+    assert refused.value.finding.remedy
 
 
 def test_progress_counts_every_chunk() -> None:

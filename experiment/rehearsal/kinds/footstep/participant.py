@@ -176,7 +176,7 @@ class Observer:
     def _compared(self, felt: NDArray[np.float64], *, speed_mm_s: float, sensitivity: float) -> Percept:
         panel, *known_materials = self._at_speed(speed_mm_s)
         if self._bands.total(felt) <= NOTICEABLE * self._bands.total(panel):
-            return Percept()
+            return Percept(np.empty(0))
         templates = np.array(known_materials)
         scale = self._bands.dissimilarity(templates[:, None], templates[None, :]).max()
         dissimilarities = self._bands.dissimilarity(felt, templates) / scale

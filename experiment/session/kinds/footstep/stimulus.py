@@ -52,7 +52,7 @@ class Sounding:
         self._aimed = self._scheduled_ns = self._gate_to_scheduled_ms = None
         self._played = self._actuator.prepare(self._basis.at(speed_mm_s))
 
-    def pass_gate(self, speed_mm_s: float, arrived_ns: int) -> None:
+    def prepare_for_gate(self, speed_mm_s: float, arrived_ns: int) -> None:
         """Have the stimulus ready for the gate's speed, mm/s, given by a frame that arrived at a session time."""
         self._given_ns = arrived_ns
         self.prepare(speed_mm_s)

@@ -429,4 +429,4 @@ class _Step:
             return
         self._gate = event
         if self._sounding is not None:
-            self._sounding.pass_gate(event.speed_mm_s, arrived_ns)
+            self._sounding.prepare_for_gate(event.speed_mm_s, arrived_ns)

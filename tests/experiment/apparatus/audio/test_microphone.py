@@ -51,8 +51,8 @@ class Ran:
         if frame > self.mixer.frame:
             raise AudioError("it stopped")
 
-    def heard_inputs(self, frame: int, frames: int) -> np.ndarray:
-        return self.mixer.heard_inputs(frame, frames)
+    def recorded_inputs(self, frame: int, frames: int) -> np.ndarray:
+        return self.mixer.recorded_inputs(frame, frames)
 
     def sent(self, frame: int, frames: int) -> np.ndarray:
         return self.mixer.sent(frame, frames)

@@ -349,12 +349,12 @@ def test_input_is_kept_by_its_frame(blocks: list[int], data: st.DataObject) -> N
     oldest = max(end + 64 - 300, 0)
     first = data.draw(st.integers(oldest, end)) if oldest <= end else end
     frames = data.draw(st.integers(0, end - first))
-    assert mixed.heard_inputs(first, frames)[:, 0].tolist() == list(range(first, first + frames))
+    assert mixed.recorded_inputs(first, frames)[:, 0].tolist() == list(range(first, first + frames))
     with pytest.raises(AudioError, match="up to frame"):
-        mixed.heard_inputs(end, 1)
+        mixed.recorded_inputs(end, 1)
     if oldest > 0:
         with pytest.raises(AudioError, match="ask sooner"):
-            mixed.heard_inputs(oldest - 1, 1)
+            mixed.recorded_inputs(oldest - 1, 1)
 
 
 @pytest.mark.parametrize("ceilings", [(1.1, 1.0), (-0.1, 1.0), (float("nan"), 1.0)])

@@ -137,6 +137,11 @@ def test_silence_gives_every_answer_alike() -> None:
     assert answered == pytest.approx([0.25] * 4, abs=chance_bounds(600))
 
 
+def test_a_stimulus_that_is_compared_with_no_material_gives_no_answer() -> None:
+    with pytest.raises(SessionError):
+        answered(Percept(strength=1.0), np.random.default_rng(1))
+
+
 def test_answers_follow_the_waveform_and_not_the_material_presented() -> None:
     right = virtual(stimuli(6), participants=10, seed=6)
     swapped = virtual(stimuli(6, shift=2), participants=10, seed=6)

@@ -124,7 +124,7 @@ def test_how_long_it_took_from_the_gates_frame_to_the_first_schedule(
     clock.sleep_ns(1_000_000)
     sounding.prepare(100.0)
     # The frame came 0.5 ms before it was read, and was aimed 3 ms after that; where it is aimed later is no matter.
-    sounding.pass_gate(100.0, 500_000)
+    sounding.prepare_for_gate(100.0, 500_000)
     clock.sleep_ns(3_000_000)
     sounding.aim(landing(40.0))
     clock.sleep_ns(5_000_000)
@@ -138,7 +138,7 @@ def test_what_is_never_scheduled_has_no_time_of_it() -> None:
     actuator = Aimed(clock)
     actuator.lead_ns = 0
     sounding = silent(actuator, clock)
-    sounding.pass_gate(100.0, 0)
+    sounding.prepare_for_gate(100.0, 0)
     sounding.aim(landing(40.0))
     onset = sounding.onset(landing(40), 40_000_000)
     assert (onset.scheduled_ns, onset.gate_to_scheduled_ms) == (None, None)
