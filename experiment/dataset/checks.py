@@ -12,7 +12,7 @@ from datetime import date, datetime, timedelta
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -121,6 +121,10 @@ def load_sound(root: Path, each: Each = map) -> Dataset:
     return dataset
 
 
+@overload
+def findings(dataset: Dataset, *names: str) -> Iterator[Finding]: ...
+@overload
+def findings(dataset: Sessions, *names: Literal["rigs", "recordings"]) -> Iterator[Finding]: ...
 def findings(dataset: Sessions, *names: str) -> Iterator[Finding]:
     """Yield each thing that speaks against a dataset once, with the name of its check, in the order of `CHECKS`.
 
@@ -128,7 +132,7 @@ def findings(dataset: Sessions, *names: str) -> Iterator[Finding]:
     """
     known: set[Finding] = set()
     for name in names or [name for name in CHECKS if name not in (*OF_TABLES, *OF_FILES)]:
-        for one in CHECKS[name](dataset):
+        for one in CHECKS[name](dataset) if isinstance(dataset, Dataset) else OF_FILES[name](dataset):
             finding = replace(one, check=name)
             if finding not in known:
                 known.add(finding)
@@ -442,10 +446,13 @@ def _forgotten_withdrawals(root: Path, roster: Roster, marked: Iterable[Path]) -
 OF_TABLES = ("edits", "traces")
 """The checks that compare what was made of sound sessions' journals; looked up, for no session brings them along."""
 
-OF_FILES = ("rigs", "recordings")
+OF_FILES: Mapping[str, Callable[[Sessions], Iterable[Finding]]] = {
+    "rigs": lambda sessions: import_module("palpate.experiment.dataset.verify").rig_files(sessions),
+    "recordings": lambda sessions: import_module("palpate.experiment.dataset.verify").recordings(sessions),
+}
 """The checks of what journals name, `Sessions` alone, which only `palpate verify` runs; one that passes says so."""
 
-CHECKS: Mapping[str, Callable[[Any], Iterable[Finding]]] = {
+CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "anchors": _anchors,
     "erased": _erased,
     "strays": _strays,
@@ -458,7 +465,6 @@ CHECKS: Mapping[str, Callable[[Any], Iterable[Finding]]] = {
     "withdrawals": lambda dataset: _forgotten_withdrawals(dataset.root, dataset.people, dataset.withdrawals),
     "edits": lambda dataset: import_module("palpate.experiment.dataset.tables").differences(dataset),
     "traces": lambda dataset: import_module("palpate.experiment.dataset.tables").lost_traces(dataset),
-    "rigs": lambda sessions: import_module("palpate.experiment.dataset.verify").rig_files(sessions),
-    "recordings": lambda sessions: import_module("palpate.experiment.dataset.verify").recordings(sessions),
+    **OF_FILES,
 }
 """Every check of a dataset, in the order in which it is run, by the name that its findings have."""

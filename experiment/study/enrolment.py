@@ -134,12 +134,10 @@ def _read_settled(root: Path) -> Settled:
     try:
         return Settled.model_validate_json(storage.read_bytes(file))
     except (OSError, ValidationError) as error:
-        raise DatasetError(
-            file,
-            "seed and purpose of the study cannot be read",
-            f'restore the file from a backup, or write {{"format": {storage.DATASET_FORMAT}, "seed": ..., '
-            '"purpose": "..."} with those of a journal\'s header',
-        ) from error
+        content = f'{{"format": {storage.DATASET_FORMAT}, "seed": ..., "purpose": "..."}}'
+        anew = [f"write {content} with those in line 1 of {path}" for path in storage.journals(root)[:1]]
+        remedy = ", or ".join(["restore the file from a backup", *anew])
+        raise DatasetError(file, "seed and purpose of the study cannot be read", remedy) from error
 
 
 def approved_on(root: Path, protocol_file: Path) -> date | None:

@@ -79,7 +79,7 @@ def fed(wire: Wire, rng: np.random.Generator, hesitation: Hesitation = "none") -
 
 NAMED = re.compile(
     r"the tracker's (clock (ran ahead of|fell behind) the session's|times (lie|leave room for)|heights (jump|stay)) .*"
-    r"|no reading for \d+ ms where the foot crossed the gate; see to the tracker's line"
+    r"|no reading for \d+ ms where the foot crossed the gate; take a shorter cable"
     r"|tracker at fed: the device's clock no longer runs on .*"
 )
 """How a reason names what is wrong with the tracker."""

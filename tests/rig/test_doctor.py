@@ -203,7 +203,7 @@ def test_whatever_a_drivers_fault_it_is_red_and_the_rest_is_still_checked(
     assert (code, found[name]["verdict"]) == (2, "red"), err
     assert said in found[name]["measured"]
     assert module in found[name]["measured"]
-    assert found[name]["remedy"].startswith(("see to the", "have the driver", "install the"))
+    assert found[name]["remedy"].startswith(("restart the", "have the driver", "install the"))
     assert {"actuator", "disk writing", "machine load", "wall clock"} < set(found)
 
 

@@ -145,7 +145,7 @@ def steadily(measured: Callable[[], Loopback], audio: AudioRig, *, exact: bool) 
     raise AudioError(
         "audio calibration",
         f"got {trouble}, {MOST_TIMES} times",
-        "close other programs, see to cable and levels, or make audio.block larger, then start again",
+        "close other programs, push the cable in, set its level, or make audio.block larger, then start again",
     )
 
 

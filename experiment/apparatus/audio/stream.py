@@ -122,7 +122,7 @@ _REMEDIES = (
     ("unavailable", ": another program holds it, or it was pulled out", "close that program, then start again"),
     ("sample rate", ": it does not run at {} Hz", "set the device to it, or correct audio.rate_hz in the rig file"),
     ("channels", ": it has fewer channels", "correct audio.channels in the rig file"),
-    ("", "", "see to the device and its server"),
+    ("", "", "plug the device in and start its server, then start again"),
 )
 """What PortAudio's message holds, and what that means to an experimenter."""
 
@@ -154,7 +154,7 @@ def library() -> Any:
         # It begins as it is imported, and where it cannot its own error is out of reach.
         if type(error).__name__ != "PortAudioError":
             raise
-        raise AudioError("audio", str(error), "see to the sound server, then run the command again") from error
+        raise AudioError("audio", str(error), "start the sound server, then run the command again") from error
     return sounddevice
 
 

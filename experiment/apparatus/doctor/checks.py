@@ -356,7 +356,7 @@ def space(folder: Path, *, trials: int, rate_hz: int, readings: int = 1) -> Find
         free = shutil.disk_usage(there).free
     except OSError as error:
         return Finding(
-            error.strerror or f"{error}", there, remedy="see to the disk, or name another folder", check=name
+            error.strerror or f"{error}", there, remedy="mount the disk again, or name another folder", check=name
         )
     return judged(
         name,

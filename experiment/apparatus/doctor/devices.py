@@ -188,7 +188,7 @@ def noise(heard: Heard, settings: TrackerRig) -> Finding:
         measured,
         allowed=f"at most {NOISE_TIMES * settings.noise_mm:g} mm, {NOISE_TIMES:g} times tracker.noise_mm",
         remedy=Remedy(
-            "see that nothing moves above the panel; see to the sensor's cable and supply, or run {}",
+            "keep still what moves above the panel, take another cable or supply for the sensor, or run {}",
             zeroing.CALIBRATE,
             suffices=False,
         ),
@@ -275,7 +275,7 @@ def microphone(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
             not microphones.objection(loud),
             f"{loud.rms_db:.0f} dB of full scale{', clipped' if loud.clipped else ''}",
             allowed=f"above {microphones.SILENT_DB:g} dB, and nothing clipped",
-            remedy="see to its cable, its supply and its level, and to audio.channels.microphone in the rig file",
+            remedy="plug it in, switch it on, set its level, and name its input as audio.channels.microphone",
         ),
     )
 
@@ -292,7 +292,7 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
         found = audio_calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=PEAK, probes=PROBES)
     except AudioError as error:
         return (refused(LOOPBACK, error),)
-    anew = "see to cable and levels, then run {}"
+    anew = "push the cable in and set the levels as they were, then run {}"
     to_ms = 1e3 / audio.rate_hz
     calibrated_ms = audio.latency.output_ms + audio.latency.input_ms
     round_trip_ms, spread_ms = found.output_ms + found.input_ms, found.spread_frames * to_ms
@@ -304,7 +304,7 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
             f"{round_trip_ms:.3f} ms out and in, spread {spread_ms:.3f} ms in {found.probes} probes",
             allowed=f"{calibrated_ms:.3f} ms as calibrated, within {tolerance.onset_ms:g} ms (delivered.onset_ms)",
             remedy=Remedy(
-                f"set audio.block and the device's buffer as they were; {anew}", CALIBRATE_AUDIO, suffices=False
+                f"set audio.block and the device's buffer as they were, {anew}", CALIBRATE_AUDIO, suffices=False
             ),
         ),
         judged(
@@ -320,6 +320,6 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
             found.residual_db <= tolerance.residual_db,
             f"{found.residual_db:.0f} dB, the worst of {found.probes} probes",
             allowed=f"at most {tolerance.residual_db:g} dB (delivered.residual_db)",
-            remedy="see to noise and distortion on the way: cable, levels, earth; and that nothing else plays",
+            remedy="stop what else plays, lower a level that clips, take another cable, or one earth for all devices",
         ),
     )

@@ -65,7 +65,7 @@ def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -
             worst <= device.answer_ms,
             f"after {median:.3f} ms (median), {worst:.3f} ms (latest of {made})",
             allowed=f"up to servo.answer_ms, {device.answer_ms:g} ms",
-            remedy="see to the device's firmware and its line, or to what else runs on this machine",
+            remedy="close other programs, take a faster line to the device, or ask its maker for faster firmware",
         ),
         judged(
             "force rate",

@@ -210,7 +210,7 @@ def heard(
     begin = multisine.begins(window.samples_m_s2, round(lasts_s * heard_hz)) + BEFORE_S * heard_hz
     steady = window.samples_m_s2[begin : begin + seconds * heard_hz]
     if not np.ptp(steady):
-        raise refusal("the sensor sends one value again and again", "see to the sensor and its cable")
+        raise refusal("the sensor sends one value again and again", "plug the sensor in again, or take another cable")
     return multisine.spectra(steady, lines_hz, rate_hz=heard_hz)
 
 

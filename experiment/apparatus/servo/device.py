@@ -114,7 +114,7 @@ class ForceDevice:
             if not self._unanswered or self._unanswered.popleft()[0] != sequence:
                 got = f"got an answer to message {sequence}, which was not the next"
                 allowed = "one answer to each message, in order"
-                raise self._trouble(got, "see to the device", allowed=allowed)
+                raise self._trouble(got, "restart it; if it happens again, update its firmware", allowed=allowed)
             self.dropped += dropped == DROPPED
         self._heard = self._heard[whole:]
         if not heard:

@@ -243,7 +243,7 @@ class Servo:
             raise ServoError(
                 f"force device at {self._orders.address}",
                 f"no answer for {waited_ns / 1e6:.1f} ms",
-                "see to the device and its line",
+                "restart the device and push its line in, then go on",
                 allowed=f"{self._orders.answer_ms:g} ms (servo.answer_ms in the rig file)",
             )
 

@@ -181,10 +181,10 @@ def doubts(made: Calibration) -> Iterator[Finding]:
     for point in made.points:
         if point.noise_mm > NOISY_MM:
             what = f"the noise at {point.mm:g} mm is above {NOISY_MM:g} mm"
-            yield Finding(what, remedy="see to the sensor, and hold it still", verdict="warns")
+            yield Finding(what, remedy="fasten the sensor, and hold the target still", verdict="warns")
     if any(made.link[1:]):
         lost = f"{made.link.lost} frames were lost, {made.link.damaged} damaged and {made.link.repeated} repeated"
-        remedy = Remedy("see to the line, for {} is red for it", DOCTOR, suffices=False)
+        remedy = Remedy("take a shorter cable or another USB port, for {} is red for it", DOCTOR, suffices=False)
         yield Finding(f"{lost} beside {made.link.received} received", remedy=remedy, verdict="warns")
 
 

@@ -129,7 +129,7 @@ def _blamed(named: str, part: str) -> Iterator[None]:
         raise TrackerError(
             "tracker",
             f"its driver '{named}' failed at `{part}` ({_error_words(error)})",
-            "see to the device, or have the driver mended",
+            "restart the device, or have the driver mended",
         ) from error
 
 

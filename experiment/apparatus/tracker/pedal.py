@@ -69,4 +69,4 @@ class Pedal:
 
     def _fault(self, what: str) -> PedalError:
         allowed = f"'{UP.decode()}' ten times a second, '{DOWN.decode()}' while it is pressed"
-        return PedalError(self._name, what, "see to board, cable and [pedal] in the rig file", allowed=allowed)
+        return PedalError(self._name, what, "plug it in, and correct [pedal] in the rig file", allowed=allowed)

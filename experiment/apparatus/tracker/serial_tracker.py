@@ -263,7 +263,7 @@ class SerialTracker:
                     f"tracker at {self._name}",
                     f"the device's clock no longer runs on from {self._decoder.device_us} us; it restarted, or its "
                     "firmware does not count microseconds",
-                    "see to it, then resume the session",
+                    "plug it in again, then resume the session",
                 )
             )
         elif frames.device_us.size:

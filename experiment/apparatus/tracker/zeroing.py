@@ -85,7 +85,7 @@ def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: flo
     Raises `TrackerError` for too few samples, a foot that moved, or an offset above `farthest_mm`.
     """
     if heights_mm.size < 2:
-        raise TrackerError("zeroing", f"got {heights_mm.size} samples", "see to the tracker", allowed="2 or more")
+        raise TrackerError("zeroing", f"got {heights_mm.size} samples", "restart the tracker", allowed="2 or more")
     spread_mm = float(np.std(heights_mm, ddof=1))
     if spread_mm > STILL_MM:
         raise TrackerError(
@@ -99,7 +99,7 @@ def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: flo
         raise TrackerError(
             "zeroing",
             f"got an offset of {offset_mm:.2f} mm",
-            Remedy("if it does, see to the sensor's place, then run {}", CALIBRATE, suffices=False),
+            Remedy("if it does, put the sensor back, then run {}", CALIBRATE, suffices=False),
             allowed=f"at most {farthest_mm:g} mm either way (tracker.zeroing_mm); rest the foot on the bare panel",
         )
     return Zero(offset_mm, spread_mm, heights_mm.size)

@@ -94,6 +94,19 @@ def test_another_seed_or_salt_is_refused_wherever_it_is_read(
     assert len(entries(study)) == 2
 
 
+def test_a_seed_that_is_gone_is_written_anew_from_the_journal_that_is_named(begun: MadeStudy, study: MadeStudy) -> None:
+    for one, journals in ((begun, []), (study, storage.journals(study.root)[:1])):
+        storage.seed_path(one.root).unlink()
+        with pytest.raises(DatasetError) as error:
+            enrolment.seed_of(one.root)
+        assert re.findall(r"line 1 of (\S+)", str(error.value.finding.remedy)) == [str(path) for path in journals]
+    header = json.loads(journals[0].read_text("utf-8").splitlines()[0])["entry"]
+    facts = {"format": storage.DATASET_FORMAT, "seed": header["seed"], "purpose": header["purpose"]}
+    storage.seed_path(study.root).write_text(json.dumps(facts), "utf-8")
+    assert enrolment.seed_of(study.root) == 1
+    assert checks.load_sound(study.root).sessions
+
+
 def test_a_seed_without_its_salt_is_refused_until_a_journal_says_which_it_was(
     begun: MadeStudy, study: MadeStudy
 ) -> None:
