@@ -192,8 +192,10 @@ class LinkedConsole:
             try:
                 session.commanded(by=hello.by, command=command, taken=taken, words=words)
             except PalpateError as error:
-                # The session meets it too, and ends.
                 taken, words = False, error.sentence()
+                if isinstance(deed, Choose):
+                    # Nothing can be answered any more: the session pauses, and meets the fault as it ends.
+                    self._pause(Pause(), words)
         return (taken, words) if self._handed_over(deed, counts=taken) else (False, messages.CLOSED)
 
     def _handed_over(self, deed: Deed, *, counts: bool) -> bool:

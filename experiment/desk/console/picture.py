@@ -77,7 +77,7 @@ STATES = {
     "armed": Phase("ARMED", "ARMED", BLUE, "The participant may step. Nothing is asked until then."),
     "answering": Phase("ANSWER", "ANSWER", GREY, "The answer is being written. Nothing is asked."),
     "waiting": Phase(
-        "WAITING", "", RED, "The tracker is silent. Plug it in; the session goes on by itself. Nothing is lost."
+        "WAITING", "", RED, "A device is silent, as told below. The session goes on by itself once it answers."
     ),
     "paused": Phase("PAUSED", "", GREY, "The session is paused."),
     "ended": Phase("ENDED", "", GREY, "The session has ended."),

@@ -477,9 +477,9 @@ def test_a_pause_takes_effect_while_the_disk_hangs_and_the_key_before_it_counts_
         linked.ask(Confirm("c", "copy paper"))
 
 
-def test_a_key_whose_record_fails_does_not_count(bench: Bench) -> None:
-    recorded = bench.attending.commanded
-
+def test_a_key_whose_record_fails_does_not_count_and_the_session_pauses_instead_of_asking_for_ever(
+    bench: Bench,
+) -> None:
     def fail(**_: Any) -> None:
         raise JournalError("full")
 
@@ -487,9 +487,10 @@ def test_a_key_whose_record_fails_does_not_count(bench: Bench) -> None:
     asked = bench.question("answer")
     bench.attending.commanded = fail  # type: ignore[method-assign]
     assert bench.do(Choose(question=asked.number, key="c")) == (False, "full")
-    bench.attending.commanded = recorded  # type: ignore[method-assign]
-    assert bench.do(Choose(question=asked.number, key="p"))[0]
-    assert said.result(10) == "p"
+    error = said.exception(10)
+    assert isinstance(error, PauseAsked)
+    assert error.finding.what == "full"
+    assert bench.attending.pauses == ["full"]
 
 
 def test_what_is_repeated_after_a_key_is_refused_and_nothing_of_it_is_left(
