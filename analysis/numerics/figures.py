@@ -27,6 +27,7 @@ from palpate.analysis.numerics.numerics import (
 from palpate.analysis.numerics.played import PREPARED, Played
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
+from palpate.experiment.synthesis.noticing import FINGERTIP, SOLE, unnoticed_share
 from palpate.experiment.synthesis.stepping.impact import Collision, Course, closed_form, in_steps
 from palpate.experiment.synthesis.stepping.steppers import EXACT, STEPPERS
 
@@ -39,6 +40,9 @@ MARKER = dict(zip(STEPPERS, ("o", "^", "s", "D", "v", "P", "*"), strict=True))
 
 QUIET, BEATEN = "#57606a", "#b8bec6"
 """Of what is told beside the curves, and of ways that are dominated."""
+
+UNNOTICED = unnoticed_share(SOLE), unnoticed_share(FINGERTIP)
+"""Smaller errors are noticed by nobody at the sole, and at the fingertip."""
 
 RULE: Any = {"color": "#e3e6ea", "linewidth": 0.6}
 
@@ -243,9 +247,10 @@ def numerics(result: Numerics) -> Figure:
             panel(drawn.add_subplot(below[place]), result.measured)
         told = (
             "Each error is the worst over materials and speeds. Bars: quartiles of the time. Dashed: what is claimed. "
-            "Grey: another way takes less time with no larger error."
+            "Grey: another way takes less time with no larger error.\n"
+            "Red: by a model, smaller errors are noticed by nobody, at the sole (solid) or the fingertip (dotted)."
         )
-        drawn.text(0.5, 0.015, told, ha="center", fontsize=8, color=QUIET)
+        drawn.text(0.5, 0.012, told, ha="center", fontsize=8, color=QUIET)
         return drawn
 
 
@@ -253,11 +258,11 @@ def _synthesis(axes: Axes, rows: Sequence[Measured]) -> None:
     point = {"output_rate_hz": OUTPUT_RATE_HZ, "speed_mm_s": BETWEEN_MM_S}
     shown = [one for one in rows if one.subject == "synthesis" and point.items() <= one.given.items()]
     _curves(axes, shown)
+    _unnoticed(axes)
     _logarithmic(axes)
     values = [value for one in rows if one.subject in ("synthesis", "voltages") for value in (one.error, one.claimed)]
-    decades = [log10(value) for value in values if value]
-    if decades:
-        axes.set_ylim(10.0 ** floor(min(decades)), 10.0 ** ceil(max(decades)))
+    decades = [log10(value) for value in (*values, *UNNOTICED) if value]
+    axes.set_ylim(10.0 ** floor(min(decades)), 10.0 ** ceil(max(decades)))
     _times(axes, "from the speed of the foot to the waveform")
     axes.set_ylabel("relative error", fontsize=9)
     _sizes(axes, shown)
@@ -270,6 +275,7 @@ def _voltages(axes: Axes, rows: Sequence[Measured]) -> None:
     # Where nothing fits, prepared voltages are those of the step.
     shown = [one for one in shown if one.way != PREPARED or one.others["prepared_share"]]
     _curves(axes, shown)
+    _unnoticed(axes)
     _logarithmic(axes)
     _times(axes, "from the speed of the foot to the voltages")
     _sizes(axes, shown)
@@ -288,6 +294,7 @@ def _sizes(axes: Axes, rows: Sequence[Measured]) -> None:
 
 def _resampling(axes: Axes, measured: Sequence[Measured]) -> None:
     _curves(axes, _plot_below(axes, measured, "resampling", "Resampling, 44.1 to 192 kHz"))
+    _unnoticed(axes)
     _times(axes, "median run time", ticks=6)
     axes.set_ylabel("relative error", fontsize=9)
     axes.legend(loc="center left", frameon=False, fontsize=8)
@@ -295,6 +302,7 @@ def _resampling(axes: Axes, measured: Sequence[Measured]) -> None:
 
 def _shaping(axes: Axes, measured: Sequence[Measured]) -> None:
     rows = _plot_below(axes, measured, "shaping", "")
+    _unnoticed(axes)
     for i, way in enumerate(dict.fromkeys(one.way for one in rows)):
         line = [(one.given["frequencies"], one.error) for one in rows if one.way == way]
         axes.plot(*zip(*line, strict=True), color=colour(i), marker=marker(i), markersize=4.5, linewidth=1.1, label=way)
@@ -333,6 +341,12 @@ def _plot_below(axes: Axes, measured: Sequence[Measured], subject: str, title: s
     _logarithmic(axes)
     axes.set_title(title, fontsize=9)
     return [one for one in measured if one.subject == subject]
+
+
+def _unnoticed(axes: Axes) -> None:
+    """Mark the error below which accuracy stops to matter to a person, by the model of `synthesis/noticing.py`."""
+    for error, site in zip(UNNOTICED, (SOLE, FINGERTIP), strict=True):
+        axes.axhline(error, color="#a40e26", linestyle="-" if site is SOLE else ":", linewidth=1.0, zorder=0)
 
 
 def _logarithmic(axes: Axes) -> None:

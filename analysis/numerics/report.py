@@ -69,6 +69,7 @@ ABOUT = blocks(Path(__file__).with_name("about.md"))
 COUNTED = {
     "materials": len(MATERIALS), "within": len(WITHIN_MM_S), "outside": len(OUTSIDE_MM_S),
     "speeds": len(WITHIN_MM_S) + 2, "full_scale": f"{FULL_SCALE_M_S2:g}", "damping_ratio": f"{contact.DAMPING_RATIO:g}",
+    "sole": f"{figures.UNNOTICED[0]:.1e}", "fingertip": f"{figures.UNNOTICED[1]:.1e}",
 }  # fmt: skip
 """What the texts name."""
 HEADS = {

@@ -72,6 +72,14 @@ def test_a_dominated_way_is_grey_quartiles_are_bars_and_claims_are_lines() -> No
     assert figures.BEATEN not in [to_hex(bar[0].get_color()) for bar in other.containers]
 
 
+def test_an_error_that_nobody_notices_is_marked_for_either_site() -> None:
+    figures._synthesis(axes := Figure().add_subplot(), [row("one", 1.0, 1e-15)])
+    marked = [np.asarray(line.get_ydata())[0] for line in axes.lines if to_hex(line.get_color()) == "#a40e26"]
+    # 18 third octaves off by a share s each: 18^(1/2) 1.159 ln(1 + s) / ln(1 + w) is d' = 0.0177, 1 % without guessing.
+    assert marked == pytest.approx([0.0036066 * np.log(1.052), 0.0036066 * np.log(1.2)], rel=1e-3)
+    assert axes.get_ylim() == (1e-15, 1e-3)
+
+
 def test_a_budget_has_a_line_for_each_cause_that_is_there_and_rings_of_the_truth() -> None:
     speeds = (20.0, 200.0)
     played = [

@@ -25,6 +25,7 @@ from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.session.kinds.footstep.doctor import binding
 from palpate.experiment.session.kinds.footstep.fidelity import speeds_mm_s
 from tests.approved import anywhere
+from tests.rig.laboratory import write_rig
 
 RIG = shipped("rigs/rehearsal.toml")
 TOLD = r"got 34\.\d\d% \(rms\) of copy paper at \d+ mm/s \(.*10 Hz, .*600 Hz\) left out; allowed: 30%"
@@ -228,3 +229,15 @@ def test_the_doctor_writes_in_the_width_of_a_terminal_and_without_control_charac
     assert max(map(len, shown)) <= 80
     assert all(line.isprintable() for line in shown)
     assert shown == approved
+
+
+def test_check_says_how_probably_a_person_notices_what_a_measured_panel_changes(
+    tmp_path: Path, recordings: Path
+) -> None:
+    """A panel of 50 m/s^2 at every frequency, which equation (7) drives as if it were the voice coil of its table."""
+    rig = write_rig(tmp_path, "rehearsal", port='"/dev/null"', address='"127.0.0.1:9"')
+    told = " ".join(call("check", allowing(tmp_path, 0.5), "--rig", rig, "--recordings", recordings).stdout.split())
+    ((decibels, least, most),) = re.findall(r"(\d+\.\d) dB in a third octave\. .* (\d+)% to (\d+)% of", told)
+    assert float(decibels) > 6
+    # One third octave alone is off by more than a Weber fraction of 0.58, 4 dB.
+    assert 59 < int(least) <= int(most) == 100

@@ -21,7 +21,8 @@ from palpate.analysis.numerics.cases import BINS, OUTPUT_RATES_HZ, material, som
 from palpate.analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
 from palpate.experiment import synthesis
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis import budget, crinkle, noise, sampling, shaping, spectra, voltages, waveforms
+from palpate.experiment.session.kinds.footstep import sampling
+from palpate.experiment.synthesis import budget, crinkle, noise, noticing, shaping, spectra, voltages, waveforms
 from tests.approved import Refuses
 from tests.experiment.synthesis.measured import accelerations
 
@@ -229,10 +230,19 @@ def _of_budget() -> list[tuple[str, Call, dict[str, float]]]:
     ]
 
 
+def _of_noticing() -> list[tuple[str, Call, dict[str, float]]]:
+    levels, silent = np.zeros(18), {"NaN": np.nan, "infinity": np.inf}
+    return [
+        ("noticed: asked_db", lambda x: noticing.noticed(changed(levels, x), levels, noticing.SOLE), silent),
+        ("noticed: given_db", lambda x: noticing.noticed(levels, changed(levels, x), noticing.SOLE), silent),
+        ("noticed_at_most: share", lambda x: noticing.noticed_at_most(x, noticing.SOLE), EITHER),
+    ]
+
+
 OF_TAPS = ("contact", "oscillator", "tap")
 """Modules whose own tests, such as test_contact.py, try what is not finite."""
 
-INPUTS = [*_of_spectra(), *_of_crinkle(), *_of_shaping(), *_of_noise(), *_of_budget()]
+INPUTS = [*_of_spectra(), *_of_crinkle(), *_of_shaping(), *_of_noise(), *_of_budget(), *_of_noticing()]
 """Every number that a public function takes: its name, what calls it so, values to refuse."""
 
 NUMBERS = ("float", "ArrayLike", "NDArray[np.float64]", "tuple[float, float]")

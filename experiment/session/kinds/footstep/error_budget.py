@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.apparatus.panel.movement import open_movement
 from palpate.experiment.apparatus.panel.validity import simulated_table
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
@@ -20,8 +19,8 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings import manifest
 from palpate.experiment.session import scene as scenes
-from palpate.experiment.session.kinds.footstep import preparation
-from palpate.experiment.session.kinds.footstep.felt import LEAST_SHARE, QUIETEST_DB, WINDOW_S, Felt, felt
+from palpate.experiment.session.kinds.footstep import preparation, sampling
+from palpate.experiment.session.kinds.footstep.felt import LEAST_SHARE, QUIETEST_DB, WINDOW_S, Felt, felt_on
 from palpate.experiment.session.kinds.footstep.fidelity import (
     SHOWN,
     UNKNOWN,
@@ -35,9 +34,9 @@ from palpate.experiment.session.kinds.footstep.fidelity import (
     refusal,
     speeds_mm_s,
 )
-from palpate.experiment.synthesis import sampling
 from palpate.experiment.synthesis.budget import Budget, other_reading
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
+from palpate.experiment.synthesis.noticing import SOLE
 from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity
 
 WATCHED_US = 4_000_000
@@ -90,11 +89,10 @@ def detailed(
     """Return what `fidelity` does, in detail."""
     spectra = preparation.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     taken = manifest.load(recordings, synthesis=protocol.table(Footstep).synthesis, material_ids=scene.materials)
-    found, speeds, measured = {}, speeds_mm_s(protocol), rig.actuator.measured
-    rate_hz = rig.actuator.rate_hz
-    ahead = round((rig.actuator.inverse_ahead_ms or 0.0) / 1e3 * rate_hz)
-    movement = None if measured is None else open_movement(rig_folder, measured, rate_hz=rate_hz)
-    for material, each in played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder).items():
+    found, speeds = {}, speeds_mm_s(protocol)
+    every = played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder)
+    felt = felt_on(every, rig=rig, rig_folder=rig_folder)
+    for material, each in every.items():
         budgets = [one.budget() for one in each]
         found[material] = Detailed(
             speeds,
@@ -111,12 +109,7 @@ def detailed(
                     spectra[material], panel_object_takes=taken.objects[material], panel_takes=taken.panel
                 )
             ),
-            felt=()
-            if movement is None
-            else tuple(
-                felt(one.stimulus.waveform_m_s2, movement.moved_m_s2(one.samples)[ahead:], rate_hz=rate_hz)
-                for one in each
-            ),
+            felt=felt[material],
         )
     return found
 
@@ -228,9 +221,9 @@ class ErrorBudget:
         if self._takes_volts:
             rows.append(["W interpolated, (7)", *(_range_of(one.other_reading, _percent) for one in each)])
         if self._is_measured:
-            for name, of in (("third octaves, dB", "third_octave_db"), ("envelope, dB", "envelope_db")):
+            for name, of, shown in FELT_ROWS:
                 worst = [tuple(getattr(felt, of) for felt in one.felt) for one in each]
-                rows.append([name, *(_range_of(values, "{:.1f}".format) for values in worst)])
+                rows.append([name, *(_range_of(values, shown) for values in worst)])
         return rows
 
     def _timing(self) -> str:
@@ -286,10 +279,19 @@ BESIDE = (
 )
 """What the lines beside a budget are."""
 
+FELT_ROWS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+    ("third octaves, dB", "third_octave_db", "{:.1f}".format),
+    ("envelope, dB", "envelope_db", "{:.1f}".format),
+    ("noticed at least, %", "noticed_at_least", lambda share: f"{share * 100:.0f}"),
+    ("noticed at most, %", "noticed_at_most", lambda share: f"{share * 100:.0f}"),
+)
+"""Each line of a measured panel, the field of `Felt`, and how it is shown."""
+
 FELT = (
     "Third octaves and envelope are those of the panel by its measured response, with its phase, beside what was asked "
     f"for: the worst third octave from 10 to 500 Hz with {LEAST_SHARE:.1%} of the energy or more, and the worst "
-    f"{WINDOW_S * 1e3:g} ms within {QUIETEST_DB:g} dB of the loudest."
+    f"{WINDOW_S * 1e3:g} ms within {QUIETEST_DB:g} dB of the loudest. Noticed is how probably a person notices that "
+    f"difference, without guessing: a model that nobody tested here, from published thresholds ({SOLE.source})."
 )
 """What the lines of a measured panel are."""
 

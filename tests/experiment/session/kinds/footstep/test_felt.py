@@ -40,12 +40,16 @@ def test_a_third_octave_alone_and_a_stretch_in_time_alone() -> None:
 
 
 def test_a_plan_shows_them_of_a_measured_panel_alone() -> None:
-    each = (Felt(1.0, 0.25), Felt(3.5, 0.5))
+    each = (Felt(1.0, 0.25, 0.1, 0.9), Felt(3.5, 0.5, 0.2, 1.0))
     made = Detailed((20.0, 600.0), (Budget(1.0, 0.0),) * 2, (), (), None, None, each)
     plain = replace(made, felt=())
     shown, hidden = (ErrorBudget({"cork": of}, (None, None), None, False, "") for of in (made, plain))
     rows = [line.split()[-3:] for line in shown.lines() if ", dB" in line]
     assert rows == [["1.0", "to", "3.5"], ["0.2", "to", "0.5"]]
+    assert [line.split()[-3:] for line in shown.lines() if ", %" in line and "noticed" in line] == [
+        ["10", "to", "20"],
+        ["90", "to", "100"],
+    ]
     assert not any(", dB" in line for line in hidden.lines())
     assert max(map(len, shown.lines())) <= 100
 

@@ -5,7 +5,7 @@ from math import cos, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.synthesis import sampling
+from palpate.experiment.session.kinds.footstep import sampling
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, subtract
 
 
