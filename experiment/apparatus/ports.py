@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.records.stimulus import Delivered
@@ -133,39 +130,3 @@ class Masker(Protocol):
 
     def exposure(self) -> MaskerExposure:
         """Return what the masker has done to the ears until now."""
-
-
-@dataclass(frozen=True, eq=False)
-class Recorded:
-    """What the microphone heard, and what the headphones were sent at the same moments.
-
-    Attributes:
-        microphone, played: 1 being full scale, float32, shape (n,) both.
-        begins_ns: when the first sample arrived at the microphone, session time.
-    """
-
-    microphone: NDArray[np.float32]
-    played: NDArray[np.float32]
-    begins_ns: int
-
-
-@dataclass(frozen=True)
-class Loudness:
-    """How loud a microphone was: rms below full scale, dB, and whether a sample was at or beyond full scale."""
-
-    rms_db: float
-    clipped: bool
-
-
-class Microphone(Protocol):
-    """What hears the participant, beside what the headphones play; it keeps the last seconds."""
-
-    @property
-    def rate_hz(self) -> int:
-        """Samples a second."""
-
-    def heard(self, *, from_ns: int, until_ns: int) -> Recorded:
-        """Return what was heard between two session times, as far as it is kept. Raises `AudioError` if stopped."""
-
-    def loudness(self) -> Loudness:
-        """Return how loud it was in the last moments. Raises `AudioError` as `heard`."""

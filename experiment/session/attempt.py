@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from palpate.experiment.apparatus.ports import Masker, Microphone, Pedal
+from palpate.experiment.apparatus.ports import Masker, Pedal
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk import interrupts, questions
 from palpate.experiment.desk.messages import ENTER, Repeat
@@ -22,10 +22,9 @@ from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.remarks import Remarks
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from palpate.experiment.apparatus.audio.stream import AudioStream
     from palpate.experiment.desk.voice.ear import Ear
+    from palpate.experiment.desk.voice.listening import Listening
 
 
 FELT = "Trial {trial} was felt, and comes again at the end of its block."
@@ -95,8 +94,8 @@ class Devices:
     """The opened parts of a session; `masker`, and the `stream` that it plays on, are None if the rig has no sound.
 
     `kind` are the devices of the task's kind of trial. A session waits `reconnect_s` for a device that fell silent,
-    then pauses. `priority` is that of its threads in words, and is empty in simulated time. `microphone` hears answers,
-    and `computing` computes what it heard; both are None where nobody listens. `pedal` is the participant's, if any.
+    then pauses. `priority` is that of its threads in words, and is empty in simulated time. `listening` hears answers;
+    None where nobody listens. `pedal` is the participant's, if any.
     """
 
     kind: KindDevices
@@ -106,8 +105,7 @@ class Devices:
     reconnect_s: float
     stream: AudioStream | None = None
     priority: str = ""
-    microphone: Microphone | None = None
-    computing: Executor | None = None
+    listening: Listening | None = None
     pedal: Pedal | None = None
 
 

@@ -5,13 +5,11 @@ A rehearsal opens the same parts, with other far ends of the ports (`FarEnds`).
 
 import secrets
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.ports import Microphone
 from palpate.experiment.clock import utc
 from palpate.experiment.desk.questions import Notice
 from palpate.experiment.protocol import approval
@@ -51,17 +49,11 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
         console = ends.console()
         if priority and not rig.rig.simulated:
             console.tell(Notice(f"Priority: {priority}."))
-        microphone: Microphone | None = None
-        computing: Executor | None = None
+        listening = None
         if protocol.answers.microphone:
-            from palpate.experiment.desk.voice import ear
+            from palpate.experiment.desk.voice.listening import open_listening
 
-            if sound is not None:
-                microphone = ear.open_microphone(rig, stream=sound.stream)
-            if microphone is None:
-                console.tell(Notice("The rig names no microphone (audio.channels.microphone): no answer is proposed."))
-            else:
-                computing = opened.enter_context(ear.computing())
+            listening = open_listening(rig, stream, console, opened)
         yield Devices(
             kind=kind,
             console=console,
@@ -71,8 +63,7 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
             reconnect_s=ends.reconnect_s,
             priority=priority,
             pedal=pedal,
-            microphone=microphone,
-            computing=computing,
+            listening=listening,
         )
 
 

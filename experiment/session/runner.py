@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import date
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.rig import DOCTOR
@@ -40,9 +40,6 @@ from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.remarks import Attendance
 from palpate.experiment.storage import foot_path, journal_path, rig_path, roster_path, voices_folder
 from palpate.experiment.study.roster import Roster
-
-if TYPE_CHECKING:
-    from palpate.experiment.desk.voice.ear import Ear
 
 MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
@@ -109,7 +106,7 @@ def run(
                 panel=panel,
                 last=last,
                 voices=voices_folder(dataset, header.participant) if keeps_voices else None,
-                takes_file=enrolling_file(dataset, header.participant, devices),
+                dataset=dataset,
             )
             with closing(session):
                 return session.run(contents)
@@ -134,31 +131,6 @@ def _onward(done: Progress, stopped_on: date) -> str:
     named = f"trials {', '.join(others)} and {last} come" if others else f"trial {last} comes"
     told = f"This session goes on from {stopped_on}: {len(done.answered)} of {done.trials} trials are answered"
     return f"{told}; {named} again at the end of {'their' if others else 'its'} block." if again else f"{told}."
-
-
-def enrolling_file(dataset: Path, participant: str, devices: Devices) -> Path | None:
-    """Return where what the participant said is kept during the visit; None where no microphone listens."""
-    if devices.microphone is None:
-        return None
-    from palpate.experiment.desk.voice import enrolling
-
-    return enrolling.place(dataset, participant)
-
-
-def _ear(devices: Devices, log: SessionLog, voices: Path | None) -> Ear | None:
-    if devices.microphone is None or devices.computing is None:
-        return None
-    from palpate.experiment.desk.voice.ear import Ear
-
-    return Ear(
-        microphone=devices.microphone,
-        computing=devices.computing,
-        console=devices.console,
-        clock=devices.clock,
-        write=log.write,
-        task=log.done.header.task,
-        voices=voices,
-    )
 
 
 class SessionLog:
@@ -242,7 +214,7 @@ class _Session:
     panel: str
     last: bool
     voices: Path | None
-    takes_file: Path | None
+    dataset: Path
 
     def __post_init__(self) -> None:
         protocol, devices, log = self.protocol, self.devices, self.log
@@ -262,7 +234,11 @@ class _Session:
         )
         if devices.stream is not None:
             devices.stream.end(self._exposed.ends_ns)
-        self._ear = _ear(devices, log, self.voices)
+        self._ear = None
+        if devices.listening is not None:
+            self._ear = devices.listening.begin(
+                devices.console, devices.clock, write=log.write, task=self._task.id, voices=self.voices
+            )
         self._attempts = Attempts(
             protocol=protocol,
             devices=devices,
@@ -328,24 +304,13 @@ class _Session:
 
     def _enrol(self) -> None:
         """Have the participant say the answers, to compare with, where a microphone listens and trials remain."""
-        devices, ear = self.devices, self._ear
-        if ear is None or devices.microphone is None or devices.computing is None or not self.log.done.remaining:
+        listening, ear = self.devices.listening, self._ear
+        if listening is None or ear is None or not self.log.done.remaining or self._exposed.end_reason():
             return
-        if self._exposed.end_reason():
-            return
-        from palpate.experiment.desk.voice.enrolling import Enroller
-
-        ear.enrolment, how = Enroller(
-            answers={material.id: material.spoken[0] for material in self.protocol.materials},
-            microphone=devices.microphone,
-            computing=devices.computing,
-            console=devices.console,
-            clock=devices.clock,
-            file=self.takes_file,
-        ).enrol()
-        told = f"the microphone {'proposes answers' if ear.enrolment else 'proposes nothing'}: {how}"
+        answers = {material.id: material.spoken[0] for material in self.protocol.materials}
+        told = listening.enrol(ear, answers, self.dataset, self.log.done.header.participant)
         self.log.write(entries.Phase(state="enrolled", detail=told))
-        devices.console.tell(Notice(f"{told[:1].upper()}{told[1:]}."))
+        self.devices.console.tell(Notice(f"{told[:1].upper()}{told[1:]}."))
 
     def _trials(self) -> str:
         """Run attempt after attempt until every trial is answered; return why the session pauses, or nothing."""

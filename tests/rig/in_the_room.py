@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 from unittest import mock
 
+from palpate.experiment.desk.voice.listening import Listening
 from palpate.experiment.rehearsal.session import Job, SimulatedEnds
 from palpate.experiment.session import laboratory, run
 from palpate.experiment.session.attempt import Devices
@@ -25,7 +26,7 @@ def _opened(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
     job = Job(sitting.dataset, sitting.participant, (sitting.task_id,), SEED, "none", real_time=True)
     world = SimulatedEnds(job, sitting, lambda: None, None, ends.console())
     with laboratory.open_laboratory(sitting, world) as devices, ThreadPoolExecutor(1) as computing:
-        yield replace(devices, masker=ScriptedMasker(clock), microphone=ScriptedMicrophone(clock), computing=computing)
+        yield replace(devices, masker=ScriptedMasker(clock), listening=Listening(ScriptedMicrophone(clock), computing))
 
 
 def simulate() -> None:

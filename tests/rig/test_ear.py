@@ -20,9 +20,8 @@ from scipy import signal
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.audio.actuator import align
 from palpate.experiment.apparatus.audio.masker import AudioMasker, masker_noise
-from palpate.experiment.apparatus.audio.microphone import AudioMicrophone
+from palpate.experiment.apparatus.audio.microphone import AudioMicrophone, Recorded
 from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
-from palpate.experiment.apparatus.ports import Recorded
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Arm, Question, Reply, Say
 from palpate.experiment.desk.voice import ear as ears

@@ -1,9 +1,12 @@
 """A microphone on an input of the session's audio stream, beside what the headphones were sent: both on its frames."""
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.audio.stream import KEPT_S, AudioStream
-from palpate.experiment.apparatus.ports import Loudness, Recorded
 from palpate.experiment.apparatus.rig import AudioRig
 from palpate.experiment.errors import AudioError
 
@@ -18,6 +21,42 @@ SILENT_DB = -100.0
 
 FULL_SCALE = 0.999
 """A sample from here on is clipped: the largest of 16 bits is 0.99997."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What the microphone heard, and what the headphones were sent at the same moments.
+
+    Attributes:
+        microphone, played: 1 being full scale, float32, shape (n,) both.
+        begins_ns: when the first sample arrived at the microphone, session time.
+    """
+
+    microphone: NDArray[np.float32]
+    played: NDArray[np.float32]
+    begins_ns: int
+
+
+@dataclass(frozen=True)
+class Loudness:
+    """How loud a microphone was: rms below full scale, dB, and whether a sample was at or beyond full scale."""
+
+    rms_db: float
+    clipped: bool
+
+
+class Microphone(Protocol):
+    """What hears the participant, beside what the headphones play; it keeps the last seconds."""
+
+    @property
+    def rate_hz(self) -> int:
+        """Samples a second."""
+
+    def heard(self, *, from_ns: int, until_ns: int) -> Recorded:
+        """Return what was heard between two session times, as far as it is kept. Raises `AudioError` if stopped."""
+
+    def loudness(self) -> Loudness:
+        """Return how loud it was in the last moments. Raises `AudioError` as `heard`."""
 
 
 def objection(loudness: Loudness) -> str:

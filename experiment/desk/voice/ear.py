@@ -25,10 +25,9 @@ from numpy.typing import NDArray
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host
-from palpate.experiment.apparatus.audio.microphone import AudioMicrophone, objection
+from palpate.experiment.apparatus.audio.microphone import AudioMicrophone, Microphone, Recorded, objection
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.opening import audio_of
-from palpate.experiment.apparatus.ports import Microphone, Recorded
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Lamp

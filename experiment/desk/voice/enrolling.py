@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus.ports import Microphone
+from palpate.experiment.apparatus.audio.microphone import Microphone
 from palpate.experiment.clock import Clock, wall_ns
 from palpate.experiment.desk import link
 from palpate.experiment.desk.questions import WITHOUT, Console, Notice, Say

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus.ports import Masker, Microphone
+from palpate.experiment.apparatus.audio.microphone import Microphone
+from palpate.experiment.apparatus.ports import Masker
 from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.apparatus.tracker.gate import Scrutiny
 from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
 from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.voice.listening import Listening
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
@@ -119,8 +121,7 @@ class Bench:
             masker=self.masker,
             reconnect_s=300.0,
             priority=self.priority,
-            microphone=self.microphone,
-            computing=self.computing,
+            listening=Listening(self.microphone, self.computing) if self.microphone and self.computing else None,
         )
         rig_file = shipped("rigs/rehearsal.toml")
         return runner.run(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus.ports import Loudness, Recorded
+from palpate.experiment.apparatus.audio.microphone import Loudness, Recorded
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import DATASET

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.audio.microphone import AudioMicrophone, objection
+from palpate.experiment.apparatus.audio.microphone import AudioMicrophone, Loudness, objection
 from palpate.experiment.apparatus.audio.mixer import Layout, Loop, Mixer
 from palpate.experiment.apparatus.audio.stream import AudioStream
-from palpate.experiment.apparatus.ports import Loudness
 from palpate.experiment.errors import AudioError
 from palpate.experiment.protocol.files import shipped
 from tests.approved import Refuses
