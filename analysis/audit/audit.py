@@ -64,6 +64,9 @@ UNDECIDED = ("cannot be decided", "not in this dataset")
 MARKS = {"mean": "", "SD": " ± ", "stars": ""}
 """What stands before each part of a cell."""
 
+MOST_ALIKE = 4
+"""So many numbers that differ for one reason have a sentence each; more, such as those of swapped rows, have one."""
+
 SAME = {"agrees": "same", "agrees if truncated": "same if truncated"}
 """Verdicts in words that fit answers of one's own."""
 
@@ -147,12 +150,12 @@ class Audit:
 
 
 def _sentences(lines: Sequence[Line]) -> Iterator[str]:
-    """Yield a sentence for each line, and one for neighbours that cannot be decided for the same reason."""
+    """Yield a sentence for each line, and one for neighbours that cannot be decided, or many, for the same reason."""
     for (place, verdict, reason), alike in groupby(
         lines, lambda one: (f"{one.where}, {one.task}", one.verdict, one.reason)
     ):
         same, why = list(alike), f"{verdict}: {reason}" if reason else verdict
-        if verdict in UNDECIDED and len(same) > 1:
+        if len(same) > (1 if verdict in UNDECIDED else MOST_ALIKE if reason else len(same)):
             subjects = " to ".join(dict.fromkeys((same[0].subject, same[-1].subject)))
             yield f"{place}, {subjects}: {len(same)} numbers; {why}"
             continue

@@ -11,7 +11,7 @@ from fractions import Fraction
 from itertools import combinations
 
 from palpate.analysis.audit.bounds import Work, totals
-from palpate.analysis.audit.checks import Checks
+from palpate.analysis.audit.checks import Checks, is_in, ratio_subject, stars_of
 from palpate.analysis.audit.evidence import FromPrint
 from palpate.analysis.audit.mistakes import SWAPPED, TENFOLD, Line, Verdict, mistake_words, slips
 from palpate.analysis.published.numbers import Key, PrintedCell, PrintedScores, PrintedT, PrintedTable, Published
@@ -198,7 +198,8 @@ def _possible(published: Published, evidence: FromPrint, conflicts: frozenset[Pl
             if {(cell.task, cell.subject), (cell.task, f"row of {cell.presented}")} & subjects
             or (cell.presented == cell.answered and (cell.task, cell.presented) in subjects)
         }
-        yield from _swapped(rows, doubtful)
+        yield from _swapped_rows(published, rows, doubtful | _in_ratios(published, rows, subjects))
+        yield from _swapped_cells(rows, doubtful)
         for row in rows.values():
             for cell in row:
                 if cell.key in doubtful and evidence.misreading(cell) is None:
@@ -211,18 +212,45 @@ def _possible(published: Published, evidence: FromPrint, conflicts: frozenset[Pl
                 yield from _values(published, cell, None, ())
 
 
+def _in_ratios(
+    published: Published, rows: Mapping[str, Sequence[PrintedCell]], subjects: set[tuple[str, str]]
+) -> set[Key]:
+    """Return the keys of the cells of which an F in conflict is computed."""
+    ratios = [one for one in published.anovas if (one.task or "both", ratio_subject(one)) in subjects]
+    return {cell.key for row in rows.values() for cell in row if any(is_in(one, cell) for one in ratios)}
+
+
 def _decimals(own: Printed, others: Iterable[Printed | None]) -> int:
     """Return with how many decimals a number should be printed: as the others are, for its own point may be wrong."""
     texts = [one.text for one in others if one] or [own.text]
     return max(len(text.rstrip("%").partition("e")[0].partition(".")[2]) + 2 * text.endswith("%") for text in texts)
 
 
-def _swapped(rows: Mapping[str, Sequence[PrintedCell]], doubtful: set[Key]) -> Iterator[Cause]:
+def _swapped_rows(
+    published: Published, rows: Mapping[str, Sequence[PrintedCell]], doubtful: set[Key]
+) -> Iterator[Cause]:
     for one, other in combinations(rows, 2):
         above, below = ({cell.answered: cell for cell in rows[name]} for name in (one, other))
         if set(above) == set(below) and {cell.key for cell in (*rows[one], *rows[other])} & doubtful:
             pairs = [(above[name], below[name]) for name in above]
-            yield from _exchanges(f"the rows of {one} and {other} are swapped", 0.01, pairs)
+            text = f"the rows of {one} and {other} are swapped"
+            yield from _exchanges(text, 0.01, pairs)
+            if not any(cell.stars for cell in (*rows[one], *rows[other])):
+                yield _with_stars(published, next(_exchanges(f"{text}, without their stars", 0.01, pairs)))
+
+
+def _with_stars(published: Published, cause: Cause) -> Cause:
+    """Return an exchange of rows with the stars that the printed P of their tests earn."""
+    cells = dict(cause.cells)
+    for key in cause.cells:
+        for test in published.tests_by_key.get(key, ())[:1]:
+            levels = [one for one in published.levels if test.t.exact > 0 or not one.above]
+            mark = stars_of(test.p, levels) if test.p else "none"
+            cells[key] = {**cells[key], "stars": mark.removeprefix("none")}
+    return replace(cause, cells=cells)
+
+
+def _swapped_cells(rows: Mapping[str, Sequence[PrintedCell]], doubtful: set[Key]) -> Iterator[Cause]:
     cells = [cell for row in rows.values() for cell in row]
     for first, second in combinations(cells, 2):
         near = first.presented == second.presented or first.answered == second.answered

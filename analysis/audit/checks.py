@@ -97,7 +97,7 @@ class Checks:
     def ratios_of(self, cells: Sequence[PrintedCell]) -> Iterator[Line]:
         """Yield the lines of every F that one of these cells is in."""
         for printed in self._published.anovas:
-            if any(_is_in(printed, cell) for cell in cells):
+            if any(is_in(printed, cell) for cell in cells):
                 yield from self._f(printed)
 
     def effects(self, test: PrintedT) -> tuple[Interval, ...]:
@@ -246,9 +246,7 @@ class Checks:
 
     def _f(self, printed: PrintedF) -> Iterator[Line]:
         found = self._evidence.variances(printed)
-        ways = "one-way" if printed.task else "two-way"
-        subject = f"{ways} ANOVA, {' and '.join(printed.subject)}"
-        cited = self._citation(printed.where, printed.task or "both", subject, found.statement)
+        cited = self._citation(printed.where, printed.task or "both", ratio_subject(printed), found.statement)
         own, values = found.df, list(found.f.values())
         fitting = judge(printed.f, values)[1]
         layout = self._layout(printed, found) if self._diagnose else None
@@ -328,7 +326,13 @@ def _slip_of_f(printed: PrintedF, narrow: Sequence[Interval], values: Sequence[I
     return ""
 
 
-def _is_in(printed: PrintedF, cell: PrintedCell) -> bool:
+def ratio_subject(printed: PrintedF) -> str:
+    """Return what the lines of an F are about."""
+    return f"{'one-way' if printed.task else 'two-way'} ANOVA, {' and '.join(printed.subject)}"
+
+
+def is_in(printed: PrintedF, cell: PrintedCell) -> bool:
+    """Return whether an F is computed from a cell."""
     if printed.task is None:
         return cell.presented == cell.answered and not cell.is_score
     return printed.task == cell.task and {cell.presented, cell.answered} <= set(printed.subject)

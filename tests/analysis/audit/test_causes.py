@@ -101,6 +101,16 @@ def test_swapped_rows_whose_stars_went_with_them_are_named(made: dict[str, Any],
     assert [line.reason for line in accused] == approved
 
 
+def test_swapped_rows_without_a_star_in_them_are_named_and_no_line_beside_them(made: dict[str, Any]) -> None:
+    """The stars were left behind where the table shows none; the printed P say which were lost."""
+    cells = made["table"][0]["cells"]
+    new = {k: {**{part: cells[(k + 3) % 6][part] for part in ("mean", "sd")}, "stars": ""} for k in range(6)}
+    accused = _accused(_with(made, new))
+    assert {line.subject.partition(" ")[0] for line in accused} == {"glass", "sand"}
+    assert {line.where for line in accused} == {made["table"][0]["where"]}
+    assert len({line.reason for line in accused}) == 1
+
+
 def test_an_sd_off_by_ten_beside_right_answers_alone_leaves_the_mean_alone(
     made: dict[str, Any], approved: SnapshotAssertion
 ) -> None:
