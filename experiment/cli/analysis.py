@@ -20,6 +20,9 @@ commands = options.room()
 
 T = TypeVar("T")
 
+MANY_FILES = 50
+"""So many files take a moment, in which progress is shown."""
+
 PARTICIPANTS = "4,5,6,7,8,10,12,15,20,25,30,40"
 
 
@@ -294,7 +297,7 @@ def import_counts(
     labelled IMPORTED: answers that a laboratory measured elsewhere, where a participant's number is the same person in
     every task. The order of trials is not known of either. --source is then needed, and says where they were measured.
     """
-    from palpate.experiment.dataset import reconstruction
+    from palpate.experiment.dataset.imports import reconstruction
     from palpate.experiment.settings.delimited import Stated
 
     pairs = dict(map(reconstruction.parse_task, task))
@@ -312,14 +315,35 @@ def import_counts(
 )
 def import_trials(
     context: typer.Context,
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV files of trials, one or several.")],
-    presented: Annotated[str, typer.Option("--presented", help="Column of the material presented.")],
-    answered: Annotated[str, typer.Option("--answered", help="Column of the answer: a material, or a key.")],
-    participant: Annotated[str, typer.Option("--participant", help="Column that tells participants apart.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="CSV or JSON files of trials, one or several.")
+    ],
+    presented: Annotated[
+        str, typer.Option("--presented", help="Column of the material presented, or presented first.")
+    ],
     study: Annotated[str, typer.Option("--study", help="Id of the study.")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the new dataset.")],
+    answered: Annotated[
+        str | None, typer.Option("--answered", help="Column of the answer: a material, a key, or the one chosen.")
+    ] = None,
+    correct: Annotated[
+        str | None, typer.Option("--correct", help="Without --answered: column of right or wrong, of two materials.")
+    ] = None,
+    second: Annotated[
+        str | None, typer.Option("--second", help="Of comparisons: column of the material presented second.")
+    ] = None,
+    participant: Annotated[
+        str | None, typer.Option("--participant", help="Column that tells participants apart.")
+    ] = None,
+    in_name: Annotated[
+        str | None,
+        typer.Option(
+            "--participant-in-name",
+            help="Instead of a column: where a file's name has the label, such as 'sub-{}_*.csv'.",
+        ),
+    ] = None,
     task: Annotated[
-        str | None, typer.Option("--task", help="Column that tells tasks apart [default: one task].")
+        str | None, typer.Option("--task", help="Column that tells tasks, or groups, apart [default: one task].")
     ] = None,
     trial: Annotated[
         str | None,
@@ -335,6 +359,14 @@ def import_trials(
     ] = None,
     where: Annotated[
         list[str] | None, typer.Option("--where", help="COLUMN=VALUE, take only rows with this value there.")
+    ] = None,
+    leave_out: Annotated[
+        list[str] | None,
+        typer.Option("--leave-out", help="COLUMN=VALUE, leave out and count rows with this value there."),
+    ] = None,
+    missing_time: Annotated[
+        list[str] | None,
+        typer.Option("--missing-time", help="Response times that count as missing: negative, zero, or a number."),
     ] = None,
     material: Annotated[
         list[str] | None,
@@ -352,19 +384,20 @@ def import_trials(
 ) -> None:
     """Make a dataset from another program's files of trials.
 
-    The files are CSV, as PsychoPy, jsPsych, OpenSesame, Gorilla and spreadsheets write them. Rows without a material
-    are instructions or breaks, and are passed over; an empty answer, or None, is a trial without an answer. The dataset
-    is labelled IMPORTED: a laboratory's own answers, measured elsewhere. The files are not copied into it, for they may
-    say who took part; it holds the line of each trial and the hash of each file.
+    The files are CSV, as PsychoPy, jsPsych, OpenSesame, Gorilla and spreadsheets write them, or the JSON of jsPsych.
+    Rows without a material are instructions or breaks, and are passed over; an empty answer, or None, is a trial
+    without an answer. With --second, trials are comparisons of two materials. The dataset is labelled IMPORTED: a
+    laboratory's own answers, measured elsewhere. The files are not copied into it, for they may say who took part; it
+    holds the line of each trial and the hash of each file.
     """
-    from palpate.experiment.dataset import imported, trial_files
+    from palpate.experiment.dataset.imports import imported, layout
     from palpate.experiment.settings.delimited import Stated
 
     if seconds is not None and milliseconds is not None:
         raise PalpateError(
             "got --seconds and --milliseconds", remedy="give the one that the file has", allowed="one of them"
         )
-    layout = trial_files.Layout(
+    columns = layout.Layout(
         presented,
         answered,
         participant,
@@ -372,19 +405,27 @@ def import_trials(
         trial,
         seconds,
         milliseconds,
-        answers=trial_files.pairs("--map", answers or ()),
-        materials=trial_files.pairs("--map-presented", shown or ()),
-        where=trial_files.pairs("--where", where or ()),
-        people=trial_files.pairs("--map-participant", people or ()),
+        answers=layout.pairs("--map", answers or ()),
+        materials=layout.pairs("--map-presented", shown or ()),
+        where=layout.pairs("--where", where or ()),
+        people=layout.pairs("--map-participant", people or ()),
+        second=second,
+        correct=correct,
+        in_name=in_name,
+        leave_out=layout.cells(leave_out or ()),
+        missing_times=missing_time or (),
     )
     stated = Stated(encoding, decimal, command=options.command_line(context))
-    made = imported.import_trials(
-        files, out, layout, study=study, source=source, materials=material or (), stated=stated
-    )
+    with options.progress("files", quiet=as_json or len(files) < MANY_FILES) as (total, tick):
+        total(len(files))
+        made = imported.import_trials(
+            files, out, columns, study=study, source=source, materials=material or (), stated=stated, tick=tick
+        )
     if as_json:
         options.put(made.as_dict())
     else:
-        typer.echo("\n".join([*made.files, *made.sentences, f"Dataset: {made.root}"]))
+        doubts = (f"CAUTION: {doubt.clause()}" for doubt in made.doubts)
+        typer.echo("\n".join([*made.files, *made.sentences, *doubts, f"Dataset: {made.root}"]))
 
 
 @commands.command(epilog="Example: palpate status participants/study --figure flow.pdf")

@@ -13,7 +13,7 @@ import typer.main
 
 from palpate import __version__
 from palpate.experiment.cli import COMMANDS, overview, tell, was_interrupted
-from palpate.experiment.errors import Interrupted, LinkError, PalpateError, ProtocolError
+from palpate.experiment.errors import DatasetError, Interrupted, LinkError, PalpateError, ProtocolError
 from palpate.experiment.settings.characters import plain
 
 
@@ -105,6 +105,7 @@ def _run() -> None:
         for line in (str(error), *getattr(error, "__notes__", ())):
             # The last words of a session's process hold such lines too.
             in_lines = isinstance(error, ProtocolError | LinkError) or isinstance(error.__cause__, ProtocolError)
+            in_lines |= isinstance(error, DatasetError) and len(error.findings) > 1
             keep = "\n" if in_lines else ""
             tell(f"palpate: {plain(line, keep)}")
         raise SystemExit(error.exit_code) from None

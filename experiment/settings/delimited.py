@@ -35,6 +35,17 @@ CODE_PAGES = {"cp1252": "Western Europe", "cp1250": "Central Europe", "cp1251": 
               "gb18030": "China", "mac_roman": "old Macs"}  # fmt: skip
 """Encodings that a refusal names, with where they are usual."""
 
+FOREIGN = {
+    **{b"\x80" + bytes([protocol]): "a pickle, as a psydat file is, which would run code of its own once it is opened"
+       for protocol in (2, 3, 4, 5)},
+    b"\x1f\x8b": "a compressed file (gzip)",
+    b"PK\x03\x04": "a spreadsheet or an archive (zip)",
+    b"\xd0\xcf\x11\xe0": "a file of an old Excel or Word",
+    b"SQLite format": "a database (SQLite)",
+    b"%PDF": "a PDF",
+}  # fmt: skip
+"""What a file is that begins so, and is no text."""
+
 _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
           codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}  # fmt: skip
 _NAMES = {"utf-8": "UTF-8", "utf-8-sig": "UTF-8 with a mark", "utf-16": "UTF-16", "utf-32": "UTF-32",
@@ -169,6 +180,10 @@ def content(path: Path, most: int = LARGEST) -> bytes:
 
 def decoded(data: bytes, where: Path | str, stated: Stated = NOTHING_STATED) -> tuple[str, str]:
     """Return the text of a file, and the name of its encoding. Raises `PalpateError` where that is not known."""
+    for mark, what in FOREIGN.items():
+        if data.startswith(mark):
+            remedy = "export it as CSV with the program that wrote it"
+            raise PalpateError(where, f"got {what}", remedy, allowed="text, such as CSV")
     encoding = stated.encoding or _encoding(data)
     try:
         text = data.decode(encoding)

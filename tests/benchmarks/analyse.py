@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.experiment.dataset import reconstruction
-from palpate.experiment.dataset import reconstruction as counts_file
 from palpate.experiment.dataset.bids import DatasetText, TaskText, description, events, participants, write_files
+from palpate.experiment.dataset.imports import reconstruction
+from palpate.experiment.dataset.imports import reconstruction as counts_file
 from palpate.experiment.records.software import this
 
 ROOT = Path(__file__).parents[2]

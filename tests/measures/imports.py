@@ -119,11 +119,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/study/levels",
     ),
     "tap fit": ("experiment/cli/tap.py", "experiment/recordings/tap_fit.py"),
-    "imports": (
-        "experiment/dataset/imported.py",
-        "experiment/dataset/reconstruction.py",
-        "experiment/dataset/trial_files.py",
-    ),
+    "imports": ("experiment/dataset/imports",),
     "identification": (
         "analysis/identification",
         "analysis/designs/identification.json",

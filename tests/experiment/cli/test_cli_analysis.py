@@ -85,7 +85,7 @@ def test_trials_of_another_program_are_imported_analysed_and_exported(palpate: P
     assert "what was imported" in out
     bad = palpate("import-trials", file, *columns, "--study", "lab", "--out", tmp_path / "other")
     assert (bad[0], bad[1]) == (2, "")
-    assert f"{file}: line 2, column key: " in bad[2]
+    assert f"line 2 of {file}" in bad[2]
     assert "cork, felt, (none)" in bad[2]
 
 

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from palpate.experiment.dataset.bids import PhysioColumn, beh_path, table, write_physio
-from palpate.experiment.dataset.reconstruction import new_dataset
+from palpate.experiment.dataset.imports.reconstruction import new_dataset
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import columns_of
 from palpate.experiment.storage import write_bytes

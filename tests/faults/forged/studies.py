@@ -13,9 +13,9 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, register
-from palpate.experiment.dataset.imported import import_trials
-from palpate.experiment.dataset.reconstruction import import_counts, study_text
-from palpate.experiment.dataset.trial_files import Layout
+from palpate.experiment.dataset.imports.imported import import_trials
+from palpate.experiment.dataset.imports.layout import Layout
+from palpate.experiment.dataset.imports.reconstruction import import_counts, study_text
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sealing

@@ -12,10 +12,11 @@ import pytest
 from palpate.analysis.audit.audit import audit
 from palpate.analysis.reading.dataset import read
 from palpate.experiment.dataset.bids import LABELS
-from palpate.experiment.dataset.imported import Imported, import_trials
-from palpate.experiment.dataset.reconstruction import import_counts, study_text
+from palpate.experiment.dataset.imports.imported import Imported, import_trials
+from palpate.experiment.dataset.imports.layout import Layout, pairs
+from palpate.experiment.dataset.imports.reconstruction import import_counts, study_text
+from palpate.experiment.dataset.imports.trial_files import read_trials
 from palpate.experiment.dataset.status import status
-from palpate.experiment.dataset.trial_files import Layout, pairs, read_trials
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER
 
@@ -87,8 +88,8 @@ def test_a_run_that_stands_in_two_files_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("body", "told"),
     [
-        ("1,a,0,felt,felt,\n01,a,1,cork,felt,\n", r"line 2, column who: got '1', and the same number in another spell"),
-        ("1,a b,0,felt,felt,\n1,ab,1,cork,felt,\n", r"line 3, column task: got the task 'ab', whose id would be 'ab'"),
+        ("1,a,0,felt,felt,\n01,a,1,cork,felt,\n", r"line 2: column who: got '1', and the same number in another spell"),
+        ("1,a b,0,felt,felt,\n1,ab,1,cork,felt,\n", r"line 3: column task: got the task 'ab', whose id would be 'ab'"),
         ("1,a,0,fe\u202elt,felt,\n1,a,1,cork,felt,\n", r"U\+202E"),
     ],
 )

@@ -9,16 +9,18 @@ import hashlib
 import io
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids
-from palpate.experiment.dataset.bids import write_files as write
-from palpate.experiment.dataset.reconstruction import STUDIES, check_study_id, check_texts, new_dataset
-from palpate.experiment.dataset.trial_files import Layout, Row, Trials, read_trials
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.dataset.imports.layout import Layout
+from palpate.experiment.dataset.imports.reconstruction import STUDIES, check_study_id, check_texts, new_dataset
+from palpate.experiment.dataset.imports.trial_files import Row, Trials, read_trials
+from palpate.experiment.errors import DatasetError, Finding
+from palpate.experiment.protocol.designs.comparison import FIRST, NAMED, SECOND, TIE
 from palpate.experiment.records import software
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.settings.characters import quoted, skeleton
@@ -28,26 +30,41 @@ TASK = "identification"
 """Id of the task where no column tells tasks apart."""
 
 KEPT = ("participant", "task", "trial", "file", "line", "presented", "answered", "response_time_s")
-"""Columns of the table of what was read, under sourcedata."""
+OF_PAIRS = (*KEPT[:5], "first", "second", *KEPT[6:])
+"""Columns of the table of what was read, under sourcedata, and the same of comparisons."""
+
+
+AT_A_TIME = 16
+"""So many folders are written at a time."""
+
+SHOWN = 10
+"""So many files are listed with how they were read."""
 
 
 @dataclass(frozen=True)
 class Imported:
-    """A dataset that was made, how each file was read, and sentences for whoever knows what the files should hold."""
+    """A dataset that was made, how each file was read, and sentences for whoever knows what the files should hold.
+
+    `doubts` are values that are not plausible.
+    """
 
     root: Path
     sentences: tuple[str, ...]
     read_as: tuple[tuple[Path, Understood], ...]
+    doubts: tuple[Finding, ...] = ()
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Return how each file was read, a line each."""
-        return tuple(f"{path}: {understood.sentence()}" for path, understood in self.read_as)
+        """Return how each file was read, a line each; of many that were read alike, the first ones."""
+        told = [f"{path}: {understood.sentence()}" for path, understood in self.read_as[:SHOWN]]
+        more = len(self.read_as) - SHOWN
+        return (*told, f"and {more} files more; --json shows how each was read") if more > 0 else tuple(told)
 
     def as_dict(self) -> dict[str, object]:
         """Return it for JSON."""
         read_as = [{"file": str(path), **understood.as_dict()} for path, understood in self.read_as]
-        return {"dataset": str(self.root), "sentences": list(self.sentences), "read_as": read_as}
+        doubts = [doubt.sentence() for doubt in self.doubts]
+        return {"dataset": str(self.root), "sentences": list(self.sentences), "doubts": doubts, "read_as": read_as}
 
 
 def import_trials(
@@ -59,8 +76,9 @@ def import_trials(
     source: str,
     materials: Sequence[str] = (),
     stated: Stated = NOTHING_STATED,
+    tick: Callable[[], None] = lambda: None,
 ) -> Imported:
-    """Build the dataset `out` from files of single trials.
+    """Build the dataset `out` from files of single trials; `tick` is called after each file.
 
     `study` is its id, `source` says where and how the answers were measured; `materials` are as in `read_trials`, by
     default a known paper's. Raises `DatasetError` as `read_trials`, and for a text that is not allowed, a file given
@@ -71,12 +89,12 @@ def import_trials(
     if not materials and study in STUDIES:
         materials = tuple(STUDIES[study].materials)
     hashes = _hashes(paths)
-    trials = read_trials(paths, layout, materials, stated)
+    trials = read_trials(paths, layout, materials, stated, tick)
     check_texts(paths[0], {"presented": trials.materials})
     tasks = _tasks(paths, layout, trials.rows)
     check_texts(paths[0], {"presented": tuple(tasks)} if layout.task else {})
     _refuse_alike(paths, layout, trials.rows, stated)
-    labels, kept = _labels(paths, layout, trials.rows)
+    labels, kept = _labels(paths, layout, trials.rows, stated)
     sessions = _sessions(trials.rows, layout)
     said = _sentences(trials, labels, layout, kept=kept)
     with new_dataset(out) as root:
@@ -85,13 +103,18 @@ def import_trials(
         people = sorted(set(labels.values()), key=int)
         files |= bids.participants(root, ({"participant_id": f"sub-{label}"} for label in people), origin="IMPORTED")
         for (participant, task), rows in sessions.items():
-            one = _task_text(tasks[task], task or "Identification", source, trials.materials, layout)
+            one = _task_text(tasks[task], task, source, trials, layout)
             files |= bids.events(root, labels[participant], one, map(_event, range(1, len(rows) + 1), rows))
         held = root / "sourcedata"
-        files[held / f"{study}_trials.csv"] = _source_rows(sessions, labels, tasks)
-        files[held / "README"] = _sources(hashes, source).encode()
-        write(files)
-    return Imported(out, said, tuple(zip(paths, trials.read_as, strict=True)))
+        files[held / f"{study}_trials.csv"] = _source_rows(sessions, labels, tasks, layout)
+        files[held / "README"] = _sources(hashes, source, layout).encode()
+        folders: dict[Path, bids.Files] = {}
+        for path, content in files.items():
+            folders.setdefault(path.parent, {})[path] = content
+        # Each file waits for the disk, and there are two for each participant.
+        with ThreadPoolExecutor(AT_A_TIME) as pool:
+            list(pool.map(bids.write_files, folders.values()))
+    return Imported(out, said, tuple(zip(paths, trials.read_as, strict=True)), trials.doubts)
 
 
 def _hashes(paths: Sequence[Path]) -> tuple[str, ...]:
@@ -111,7 +134,7 @@ def _hashes(paths: Sequence[Path]) -> tuple[str, ...]:
 def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[str, str]:
     """Return the id of each task by its name in the files, in the order of the files."""
     if layout.task is None:
-        return {"": TASK}
+        return {"": TASK if layout.second is None else "comparison"}
     found: dict[str, str] = {}
     for row in rows:
         if row.task in found:
@@ -121,9 +144,11 @@ def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[s
         if label in found.values() or len(label) > 32 or not bare:
             raise DatasetError(
                 paths[row.file - 1],
-                f"line {row.line}, column {layout.task}: got the task {row.task!r}, whose id would be {label!r}",
+                f"got the task {row.task!r}, whose id would be {label!r}",
                 "rename it",
                 allowed="up to 32 letters and digits that no other task has",
+                field=f"column {layout.task}",
+                line=row.line,
             )
         found[row.task] = label
     return found
@@ -132,7 +157,8 @@ def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[s
 def _refuse_alike(paths: Sequence[Path], layout: Layout, rows: Sequence[Row], stated: Stated) -> None:
     """Refuse two spellings that look like one person: P01 and p01, 01 and P01, or letters of two alphabets."""
     known: dict[str, str] = {}
-    for row in rows:
+    firsts = {row.participant: row for row in reversed(rows)}
+    for row in (firsts[who] for who in dict.fromkeys(row.participant for row in rows)):
         name = skeleton(row.participant)
         looks = {name: name}
         # Two prefixes may be two groups, and a number alone may be of either.
@@ -145,15 +171,16 @@ def _refuse_alike(paths: Sequence[Path], layout: Layout, rows: Sequence[Row], st
         if other:
             raise DatasetError(
                 paths[row.file - 1],
-                f"line {row.line}, column {layout.participant}: got {quoted(row.participant)} and {quoted(other)}, "
-                "which look like one person",
+                f"got {quoted(row.participant)} and {quoted(other)}, which look like one person",
                 stated.remedy("if they are, say so", "--map-participant", f"{row.participant}={other}"),
                 allowed="one spelling of a participant",
+                field=f"column {layout.participant}" if layout.participant else "--participant-in-name",
+                line=row.line,
             )
         known |= {look: known.get(look, row.participant) for look in looks}
 
 
-def _labels(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> tuple[dict[str, str], bool]:
+def _labels(paths: Sequence[Path], layout: Layout, rows: Sequence[Row], stated: Stated) -> tuple[dict[str, str], bool]:
     """Return each participant's label by cell, and whether labels keep the cells' numbers, as for P01, P02."""
     cells = list(dict.fromkeys(row.participant for row in rows))
     matches = [re.fullmatch(r"(.*?)0*([0-9]{1,6})(?:\.0)?", cell) for cell in cells]
@@ -164,10 +191,11 @@ def _labels(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> tuple
         row = next(row for row in rows if numbers.count(numbers[cells.index(row.participant)]) > 1)
         raise DatasetError(
             paths[row.file - 1],
-            f"line {row.line}, column {layout.participant}: got {row.participant!r}, and the same number in another "
-            "spelling",
-            "keep one",
+            f"got {row.participant!r}, and the same number in another spelling",
+            stated.remedy("say who it is", "--map-participant", f"{row.participant}=LABEL"),
             allowed="one spelling",
+            field=f"column {layout.participant}" if layout.participant else "--participant-in-name",
+            line=row.line,
         )
     width = max(2, len(str(max(numbers))))
     return {cell: f"{number:0{width}d}" for cell, number in zip(cells, numbers, strict=True)}, kept
@@ -188,7 +216,7 @@ def _event(trial: int, row: Row) -> dict[str, object]:
         "trial": trial,
         "attempt": 1,
         "counted": True,
-        "presented": row.presented,
+        **({"presented": row.presented} if row.second is None else {"first": row.presented, "second": row.second}),
         "answered": row.answered,
         "response_time": row.response_time_s,
         "origin": "IMPORTED",
@@ -211,8 +239,13 @@ def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: 
         f"Participants: {len(labels)}. Trials: {len(trials.rows)}, of them {silent} without an answer. Materials: "
         f"{', '.join(trials.materials)}.",
         f"Rows that are no trials, and were passed over: {len(trials.passed_over)}{of}.",
+        *_left_out(trials, layout),
         _order(layout),
     ]
+    if layout.second is not None:
+        said.append(
+            "Materials are taken to go from the least to the most of what was compared; --material orders them."
+        )
     if not kept:
         said.append("Participants are numbered in the order of the files, because their labels there are no numbers.")
     files: dict[tuple[str, str], set[int]] = {}
@@ -224,15 +257,32 @@ def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: 
     return tuple(said)
 
 
-def _task_text(task: str, title: str, source: str, materials: Sequence[str], layout: Layout) -> bids.TaskText:
+def _left_out(trials: Trials, layout: Layout) -> list[str]:
+    """Return what rules have left out, a sentence each."""
+    told = [
+        f"Rows left out, as stated: {trials.left_out.get((column, value), 0)} with {column} = '{value}'."
+        for column, value in layout.leave_out
+    ]
+    if layout.missing_times:
+        rules = " or ".join(layout.missing_times)
+        told.append(f"Response times that are {rules} count as missing, as stated: {trials.missing_times}.")
+    return told
+
+
+def _task_text(task: str, title: str, source: str, trials: Trials, layout: Layout) -> bids.TaskText:
+    answers = {row.answered for row in trials.rows} & {TIE} | {FIRST, SECOND} if layout.second is not None else set()
+    design = "identification" if layout.second is None else "comparison"
     return bids.TaskText(
         id=task,
-        title=title,
+        title=title or design.capitalize(),
         description=f"Measured elsewhere: {source}. {_order(layout)}",
         instructions="As in the source.",
-        materials={material: material for material in materials},
+        materials={material: material for material in trials.materials},
         stimulus_presentation={"SoftwareName": "not palpate; see the source"},
         origin="IMPORTED",
+        kind="footstep" if layout.second is None else "tapping",
+        design=design,
+        answers={answer: text for answer, text in NAMED.items() if answer in answers},
     )
 
 
@@ -259,22 +309,26 @@ def _description(study: str, source: str, tasks: tuple[str, ...], said: Sequence
     )
 
 
-def _source_rows(sessions: dict[tuple[str, str], list[Row]], labels: dict[str, str], tasks: dict[str, str]) -> bytes:
+def _source_rows(
+    sessions: dict[tuple[str, str], list[Row]], labels: dict[str, str], tasks: dict[str, str], layout: Layout
+) -> bytes:
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(KEPT)
+    writer.writerow(KEPT if layout.second is None else OF_PAIRS)
     for (participant, task), rows in sessions.items():
         for row in rows:
             time_s = "" if row.response_time_s is None else repr(row.response_time_s)
             number = "" if row.trial is None else row.trial
             place = (labels[participant], tasks[task], number, row.file, row.line)
-            writer.writerow((*place, row.presented, row.answered, time_s))
+            shown = (row.presented,) if row.second is None else (row.presented, row.second)
+            writer.writerow((*place, *shown, row.answered, time_s))
     return file.getvalue().encode()
 
 
-def _sources(hashes: Sequence[str], source: str) -> str:
+def _sources(hashes: Sequence[str], source: str, layout: Layout) -> str:
+    columns = KEPT if layout.second is None else OF_PAIRS
     text = (
-        f"Columns: {', '.join(KEPT)}. Each row is a trial as it was read; file and line say where. The trial is the "
+        f"Columns: {', '.join(columns)}. Each row is a trial as it was read; file and line say where. The trial is the "
         f"number in the file. The files are those of: {source}."
     )
     files = "\n".join(f"file {number}: SHA-256 {sha256}" for number, sha256 in enumerate(hashes, start=1))

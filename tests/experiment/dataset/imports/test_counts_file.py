@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palpate.experiment.dataset.reconstruction import COLUMNS, parse_task, read_counts, study_text
+from palpate.experiment.dataset.imports.reconstruction import COLUMNS, parse_task, read_counts, study_text
 from palpate.experiment.errors import DatasetError
 
 HEADER = ",".join(COLUMNS) + "\n"

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from palpate.analysis.export import files
 from palpate.analysis.reading.dataset import read
 from palpate.experiment.dataset.bids import LABELS
-from palpate.experiment.dataset.reconstruction import COLUMNS, OKAMOTO2012, StudyText, import_counts, study_text
+from palpate.experiment.dataset.imports.reconstruction import COLUMNS, OKAMOTO2012, StudyText, import_counts, study_text
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.records.software import Software

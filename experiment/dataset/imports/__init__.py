@@ -1,0 +1,1 @@
+"""Datasets of answers that were measured elsewhere, or that a paper printed as counts."""

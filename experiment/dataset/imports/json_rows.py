@@ -1,0 +1,87 @@
+"""Trials as jsPsych writes them in JSON, as a table: an object is a row, and a key a column.
+
+A file is one list of objects, one object with such a list, or JSON lines of either. An object in a cell has a column of
+its own for each of its keys, as `response.Q0`.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.settings import delimited
+from palpate.experiment.settings.delimited import Record, Stated, Table, Understood
+
+
+@dataclass(frozen=True)
+class UnderstoodJson(Understood):
+    """How a JSON file was read; rows are numbered from 1."""
+
+    def sentence(self) -> str:
+        """Return it for a reader, in one line."""
+        return f"read as JSON, {self.encoding}; {self.rows} rows of {len(self.names)} columns"
+
+
+def is_json(path: Path) -> bool:
+    """Return whether a file begins as JSON does, or has its suffix."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(64).removeprefix(b"\xef\xbb\xbf").lstrip()
+    except OSError:
+        return False
+    return head[:1] in (b"[", b"{") or path.suffix.lower() in (".json", ".jsonl")
+
+
+def json_table(path: Path, stated: Stated) -> Table:
+    """Return the objects of a JSON file as a table. Raises `PalpateError` for a file that has none."""
+    text, encoding = delimited.decoded(delimited.content(path), path, stated)
+    rows = [dict(_cells("", one)) for one in _objects(path, text)]
+    header = tuple(dict.fromkeys(name for row in rows for name in row))
+    records = tuple(
+        Record(number, 0, [row.get(name, "") for name in header]) for number, row in enumerate(rows, start=1)
+    )
+    return Table(header, records, UnderstoodJson(encoding, "", ".", (), header, (), 1, len(rows)))
+
+
+def _objects(path: Path, text: str) -> list[dict[str, Any]]:
+    try:
+        found = [json.loads(text)]
+    except (ValueError, RecursionError):
+        try:
+            found = [json.loads(line) for line in text.splitlines() if line.strip()]
+        except (ValueError, RecursionError) as error:
+            raise DatasetError(
+                path, f"is not JSON ({error})", "export it again", allowed="a list of objects, one for each trial"
+            ) from error
+    rows = [one for held in found for one in _listed(held)]
+    if not rows:
+        raise DatasetError(path, "got JSON without trials", "name another file", allowed="a list of objects")
+    return rows
+
+
+def _listed(held: Any) -> Iterator[dict[str, Any]]:
+    """Yield the objects of a list, or of the only list in an object, or the object itself."""
+    if isinstance(held, dict):
+        lists = [one for one in held.values() if isinstance(one, list) and one and isinstance(one[0], dict)]
+        if len(lists) == 1:
+            yield from _listed(lists[0])
+        else:
+            yield held
+    elif isinstance(held, list):
+        for one in held:
+            yield from _listed(one) if isinstance(one, list) else [one] if isinstance(one, dict) else []
+
+
+def _cells(name: str, held: Any) -> Iterator[tuple[str, str]]:
+    """Yield the names and texts of the cells of an object."""
+    if isinstance(held, dict):
+        if name:
+            yield name, json.dumps(held, ensure_ascii=False)
+        for key, value in held.items():
+            yield from _cells(f"{name}.{key}" if name else str(key), value)
+    elif held is None or isinstance(held, str):
+        yield name, held or ""
+    else:
+        yield name, json.dumps(held, ensure_ascii=False)

@@ -1,0 +1,127 @@
+"""What a laboratory says of its tables of trials: which column holds what, and which rows and times count."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.settings.characters import quoted
+
+ABSENT = ("", "None", "null", "NA")
+"""Cells in which nothing stands: empty, and as PsychoPy and OpenSesame, jsPsych, and R write it."""
+
+RIGHT = dict.fromkeys(("1", "1.0", "true", "correct", "yes", "right", "hit"), True)
+WRONG = dict.fromkeys(("0", "0.0", "false", "incorrect", "no", "wrong", "miss"), False)
+"""What stands for right and wrong, in small letters."""
+
+MISSING_TIMES = ("negative", "zero")
+"""Rules by which a response time counts as missing; a number names the value that stands for a missing one."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which column holds what.
+
+    `presented` is that of the material, `second` of the one that it is compared with, if any. Either `answered` names
+    the answer, or `correct` says whether it was right. `participant` is a column; without it `in_name` shows with `{}`
+    where the label stands in a file's name, and `*` for anything else. `answers`, `materials` and `people` translate
+    cells; `where` gives the cells that make a row a trial, `leave_out` those that leave a row out. At most one of
+    `time_s` and `time_ms` names the column of response times, and `missing_times` are rules for these.
+    """
+
+    presented: str
+    answered: str | None
+    participant: str | None
+    task: str | None = None
+    trial: str | None = None
+    time_s: str | None = None
+    time_ms: str | None = None
+    answers: Mapping[str, str] = field(default_factory=dict)
+    materials: Mapping[str, str] = field(default_factory=dict)
+    where: Mapping[str, str] = field(default_factory=dict)
+    people: Mapping[str, str] = field(default_factory=dict)
+    second: str | None = None
+    correct: str | None = None
+    in_name: str | None = None
+    leave_out: Sequence[tuple[str, str]] = ()
+    missing_times: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        """Raise `DatasetError` where what is stated cannot hold together."""
+        if self.presented in (self.answered, self.second):
+            other = "--answered" if self.presented == self.answered else "--second"
+            raise DatasetError(
+                other, f"got the column {self.presented}, as --presented", "name that of the answers",
+                allowed="another one",
+            )  # fmt: skip
+        if (self.answered is None) == (self.correct is None):
+            got = "neither" if self.correct is None else "both"
+            raise DatasetError(f"got {got} of --answered and --correct", remedy="name one", allowed="one of them")
+        if self.correct is not None and self.second is not None:
+            raise DatasetError("got --correct and --second", remedy="name the one chosen with --answered")
+        if (self.participant is None) == (self.in_name is None):
+            got = "neither" if self.in_name is None else "both"
+            raise DatasetError(
+                f"got {got} of --participant and --participant-in-name", remedy="name one", allowed="one of them"
+            )
+        for rule in self.missing_times:
+            if rule not in MISSING_TIMES and not re.fullmatch(r"[+-]?[0-9]+(\.[0-9]+)?", rule):
+                raise DatasetError(
+                    "--missing-time", f"got {quoted(rule)}", "choose one", allowed="negative, zero, or a number"
+                )
+
+    @property
+    def time(self) -> str | None:
+        """The column of response times."""
+        return self.time_s or self.time_ms
+
+    def columns(self) -> tuple[str, ...]:
+        """Return every column that must be there, once."""
+        named = (self.presented, self.second, self.answered, self.correct, self.participant, self.task, self.trial)
+        given = (*named, self.time, *self.where, *(column for column, _ in self.leave_out))
+        return tuple(dict.fromkeys(one for one in given if one is not None))
+
+    def label_in(self, path: Path) -> str:
+        """Return the participant in a file's name. Raises `DatasetError` for a name that is not as stated."""
+        shape = self.in_name or ""
+        parts = [re.escape(part).replace(r"\*", ".*?") for part in shape.split("{}")]
+        match = re.fullmatch("(.+?)".join(parts), path.name) if len(parts) == 2 else None
+        if match is None:
+            allowed = f"a name such as {shape}" if len(parts) == 2 else "{} once, such as 'sub-{}_*.csv'"
+            raise DatasetError(
+                path, f"--participant-in-name: got {quoted(shape)}", "mark the label with {}", allowed=allowed
+            )
+        return match[1]
+
+    def is_missing(self, time: float) -> bool:
+        """Return whether a rule takes a response time, as it stands in its column, for a missing one."""
+        rules = set(self.missing_times)
+        numbers = {float(rule) for rule in rules - set(MISSING_TIMES)}
+        return ("negative" in rules and time < 0) or ("zero" in rules and time == 0) or time in numbers
+
+
+def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    """Return left -> right of the texts of an option, such as `f=felt`. Raises `DatasetError` for any other text."""
+    found: dict[str, str] = {}
+    for text in texts:
+        left, equals, right = (part.strip() for part in text.rpartition("="))
+        if not (equals and right) or left in found:
+            again = " a second time" if left in found else ""
+            raise DatasetError(option, f"got {quoted(text)}{again}", "correct it", allowed="LEFT=RIGHT, each LEFT once")
+        found[left] = right
+    return found
+
+
+def cells(texts: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Return the columns and cells of `--leave-out`, such as `practice=yes`, or `participant=` for an empty cell.
+
+    Raises `DatasetError` for any other text.
+    """
+    found = [text.rpartition("=") for text in texts]
+    for text, (column, equals, _) in zip(texts, found, strict=True):
+        if not (equals and column.strip()):
+            raise DatasetError(
+                "--leave-out", f"got {quoted(text)}", "correct it", allowed="COLUMN=VALUE, or COLUMN= for an empty cell"
+            )
+    return tuple((column.strip(), value.strip()) for column, _, value in found)
