@@ -22,6 +22,7 @@ from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import FromResults
 from palpate.analysis.audit.mistakes import Citation, Line
 from palpate.analysis.audit.print_lines import print_lines
+from palpate.analysis.audit.sentences import sentence_lines
 from palpate.analysis.documents.tables import Column, Record, Section, Table, blocks, plural, tabulate, text
 from palpate.analysis.identification.results import Results, TaskResult, compute
 from palpate.analysis.published import paper
@@ -189,7 +190,15 @@ def audit(target: str, against: Path | None = None, stated: Stated | None = None
         )
     if is_paper:
         found = paper.read(path, stated or Stated())
-        comparison = Comparison(found.printed.source, print_lines(found.printed), (), found.unread)
+        lines = (*print_lines(found.printed), *sentence_lines(found.tests, one_tailed=found.one_tailed))
+        if not lines:
+            raise PublishedError(
+                path,
+                f"no printed number could be read; {' '.join(found.passed_over).rstrip('.')[:600]}",
+                "state the decimal sign or the encoding, or write a TOML file",
+                allowed="numbers such as 0.25 or 0,25",
+            )
+        comparison = Comparison(found.printed.source, lines, (), found.unread)
         return Audit(path.name, PRINT, "", comparison, found.passed_over)
     printed = published.load(target)
     if printed is None:

@@ -1,4 +1,4 @@
-"""Tables of a paper as its HTML page or a CSV file holds them, as a file of printed numbers.
+"""Tables of a paper as its HTML page or a CSV file holds them, as a file of printed numbers, and tests in sentences.
 
 Numbers stay text, whose last digit shows the rounding, so pages are read by the standard library. Headings show the
 kind: confusion tables, ANOVA tables, and t-tests. `Stated` has what a table lacks; stars are left out.
@@ -8,20 +8,22 @@ import csv
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html.parser import HTMLParser
 from itertools import chain, groupby, repeat
 from pathlib import Path
 from statistics import median
 from typing import Any
 
+from palpate.analysis.published import prose
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.published.printed import POSITIVE
-from palpate.experiment import storage
+from palpate.analysis.published.prose import Reported
 from palpate.experiment.errors import PalpateError, ProtocolError, PublishedError
 from palpate.experiment.settings import delimited, load
 
-SUFFIXES = (".html", ".htm", ".xhtml", ".csv", ".tsv")
+PAGES, TEXTS = (".html", ".htm", ".xhtml"), (".txt", ".md", ".tex", ".pdf", ".docx")
+SUFFIXES = (*PAGES, ".csv", ".tsv", *TEXTS)
 LARGEST = 2 * 2**20
 """Bytes of a file; a paper's page has hundreds of thousands."""
 
@@ -58,19 +60,28 @@ class Grid:
 
 @dataclass(frozen=True)
 class Paper:
-    """The printed numbers that were read, sentences on what was not, and how many cells were not."""
+    """The printed numbers of tables, and tests in sentences; `one_tailed`: the paper says so of some.
+
+    `passed_over` are sentences on what was not read, and `unread` is how many cells were not.
+    """
 
     printed: Published
     passed_over: tuple[str, ...]
     unread: int = 0
+    tests: tuple[Reported, ...] = ()
+    one_tailed: bool = False
 
 
 def read(path: Path, stated: Stated) -> Paper:
-    """Return the printed numbers in the tables of an HTML page or a CSV file.
+    """Return the printed numbers in the tables of an HTML page or a CSV file, and in the sentences of a page or text.
 
-    Raises `PublishedError` in one line, for a file that cannot be read or holds no table of a known kind.
+    Raises `PublishedError` in one line, for a file that cannot be read or holds nothing that can be checked.
     """
-    grids = _csv(path, stated.file) if path.suffix.lower() in (".csv", ".tsv") else _html(path)
+    suffix = path.suffix.lower()
+    text = "" if suffix in (".csv", ".tsv") else _text(path, stated.file)
+    words = prose.words(text) if suffix in PAGES else text
+    tests = prose.reported_tests(words)
+    grids = () if suffix in TEXTS else _html(path, text) if suffix in PAGES else _csv(path, stated.file)
     passed = _Passed()
     document: dict[str, Any] = {"study": "paper", "source": _clean(f"Tables of {path.name}", 200)}
     confusions = 0
@@ -80,19 +91,23 @@ def read(path: Path, stated: Stated) -> Paper:
         except _Unknown as reason:
             passed.append(f"{grid.name} was passed over: {reason}.")
     passed += _tied(document, stated.chance)
-    if not any(key in document for key in ("table", "t", "anova")):
+    found = any(key in document for key in ("table", "t", "anova"))
+    if not found and not tests:
         told = f"; {' '.join(passed).rstrip('.')}" if passed else ""
         raise PublishedError(
             path,
-            f"got no table that the audit can hold against anything{told[:600]}",
+            f"got {len(grids)} tables and {len(words.split())} words, and nothing that the audit can check{told[:600]}",
             "or write a TOML file",
-            allowed="confusion tables (answers beside materials), ANOVA tables (SS, df, MS, F, P) and tables of "
-            "t-tests (t, df, P)",
+            allowed="confusion tables (answers beside materials), ANOVA tables (SS, df, MS, F, P), tables of "
+            "t-tests (t, df, P), and sentences such as 't(11) = 8.14, p < .001'",
         )
     try:
-        return Paper(load.checked(path, Published, document), tuple(passed), passed.unread)
+        # Nothing but sentences is no file of printed numbers, which has to hold some.
+        words_alone = Published.model_construct(study="paper", source=_clean(f"Sentences of {path.name}", 200))
+        printed = load.checked(path, Published, document) if found else words_alone
     except ProtocolError as error:
         raise PublishedError.at(error.findings[0]) from error
+    return Paper(printed, tuple(passed), passed.unread, tests, prose.mentions_one_tailed(words))
 
 
 class _Unknown(Exception):
@@ -341,21 +356,22 @@ def _tests(named: Sequence[tuple[str, tuple[str, ...]]], known: dict[str, int]) 
             yield {"task": f"{df} df", "of": name or f"line {number}", "df": df, "t": found["t"], **p, "null": "0"}
 
 
-def _text(path: Path) -> str:
+def _text(path: Path, stated: delimited.Stated) -> str:
     try:
-        data = storage.read_bytes(path, LARGEST)
-    except OSError as error:
-        reason = (
-            "no such file"
-            if isinstance(error, FileNotFoundError)
-            else f"a file that cannot be read ({storage.why(error)})"
-        )
-        raise PublishedError(path, f"got {reason}", "give its path", allowed="an HTML page or a CSV file") from error
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
+        data = delimited.content(path, LARGEST)
         # Every byte is a letter there; a page of another encoding shows other names and the same digits.
-        return data.decode("latin-1")
+        given = stated if stated.encoding or _is_unicode(data) else replace(stated, encoding="latin-1")
+        return delimited.decoded(data, path, given)[0]
+    except PalpateError as error:
+        raise PublishedError.saying(error) from error
+
+
+def _is_unicode(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return data[:2] in (b"\xff\xfe", b"\xfe\xff")
+    return True
 
 
 def _csv(path: Path, stated: delimited.Stated) -> tuple[Grid, ...]:
@@ -496,11 +512,11 @@ def _reaches(text: str | None) -> int:
     return min(int(text), WIDEST) if text and re.fullmatch(r"[1-9][0-9]{0,3}", text) else 1
 
 
-def _html(path: Path) -> tuple[Grid, ...]:
+def _html(path: Path, text: str) -> tuple[Grid, ...]:
     page = _Page(path)
     try:
         # Without `close`, which tries every `<` of an unfinished page again.
-        page.feed(_text(path))
+        page.feed(text)
     except (AssertionError, ValueError, RecursionError) as error:
         raise PublishedError(path, "got HTML that cannot be parsed", allowed="a page as a browser saves it") from error
     filled = [[row for row in table if any(cell.strip() for cell in row)] for table in page.tables]

@@ -87,8 +87,7 @@ def audit(
         str,
         typer.Argument(
             metavar="STUDY|FILE|DATASET",
-            help="Id of a shipped study, a paper's tables (.html, .csv), TOML file of printed numbers, or dataset "
-            "folder.",
+            help="Id of a shipped study, a paper (.html, .csv, .txt), TOML file of printed numbers, or dataset folder.",
         ),
     ],
     against: Annotated[
@@ -124,9 +123,10 @@ def audit(
     whether whole counts can stand behind means, SDs and rows, and names the simplest mistake that explains a number
     that disagrees. Where one wrong number explains several that disagree, it alone is accused.
 
-    Of an HTML page or a CSV file the confusion tables, the ANOVA tables and the tables of t-tests are read, and what
-    was not read is told. A TOML file holds more: analysis/published/README.md says how to write one. A disagreement is
-    a finding and not an error, so the exit code is 0.
+    Of an HTML page or a CSV file the confusion tables, the ANOVA tables and the tables of t-tests are read, of a page
+    or a text also sentences such as "t(11) = 8.14, p < .001", and what was not read is told. A TOML file holds more:
+    analysis/published/README.md says how to write one. A disagreement is a finding and not an error, so the exit code
+    is 0.
     """
     from palpate.analysis.audit import audit as audits
     from palpate.analysis.published.paper import Stated

@@ -143,7 +143,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/protocol/page/comparison.py",
         "experiment/rehearsal/designs/comparison.py",
     ),
-    "audit": ("analysis/audit", "analysis/published/paper.py"),
+    "audit": ("analysis/audit", "analysis/published/paper.py", "analysis/published/prose.py"),
     "power": ("analysis/power",),
     "numerics": ("analysis/numerics",),
     "validation": ("analysis/validation",),

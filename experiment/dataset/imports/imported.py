@@ -239,7 +239,7 @@ def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: 
         f"Participants: {len(labels)}. Trials: {len(trials.rows)}, of them {silent} without an answer. Materials: "
         f"{', '.join(trials.materials)}.",
         f"Rows that are no trials, and were passed over: {len(trials.passed_over)}{of}.",
-        *_left_out(trials, layout),
+        *_omissions(trials, layout),
         _order(layout),
     ]
     if layout.second is not None:
@@ -257,7 +257,7 @@ def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: 
     return tuple(said)
 
 
-def _left_out(trials: Trials, layout: Layout) -> list[str]:
+def _omissions(trials: Trials, layout: Layout) -> list[str]:
     """Return what rules have left out, a sentence each."""
     told = [
         f"Rows left out, as stated: {trials.left_out.get((column, value), 0)} with {column} = '{value}'."

@@ -233,8 +233,9 @@ def test_hostile_files_end_in_one_line(tmp_path: Path, name: str, suffix: str) -
 
 
 def test_a_file_that_is_too_large_or_missing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(PublishedError, match="no such file"):
+    with pytest.raises(PublishedError) as refused:
         paper.read(tmp_path / "none.html", Stated())
+    assert refused.value.finding.where == tmp_path / "none.html"
     with pytest.raises(PublishedError, match="cannot be read"):
         _read(tmp_path, " " * (paper.LARGEST + 1), Stated())
 

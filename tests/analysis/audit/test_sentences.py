@@ -1,0 +1,110 @@
+"""Tests in sentences are read in every style, and their P recomputed; expected values are those of R 4.2.2."""
+
+from __future__ import annotations
+
+import math
+import random
+from pathlib import Path
+
+import pytest
+from scipy import stats
+
+from palpate.analysis.audit.audit import audit
+from palpate.analysis.audit.sentences import p_values, sentence_lines
+from palpate.analysis.published.prose import mentions_one_tailed, reported_tests, words
+from palpate.experiment.errors import PublishedError
+
+
+@pytest.mark.parametrize(
+    ("sentence", "statistic", "df", "p"),
+    [
+        # 2*pt(-2.2, 28), pf(4.5, 2, 27, lower=F), pchisq(6.4, 2, lower=F), r = 0.45 as t(28), 2*pnorm(-1.96)
+        ("t(28) = 2.20, p = .036", "t", ("28",), 0.036225),
+        ("t (28)=2,20; p = 0,036", "t", ("28",), 0.036225),
+        ("$t_{28} = 2.20$, $P = .036$", "t", ("28",), 0.036225),
+        ("t(28) = \u22122.20 (p = .036)", "t", ("28",), 0.036225),
+        ("F(2, 27) = 4.50, MSE = 3.2, p = .021, \u03b7\u00b2 = .25", "F", ("2", "27"), 0.020574),
+        ("F(2,27)=4.50,p=.021", "F", ("2", "27"), 0.020574),
+        ("\u03c7\u00b2(2, N = 90) = 6.40, p = .041", "chi2", ("2",), 0.040762),
+        ("chi-squared(2) = 6.40, p = .041", "chi2", ("2",), 0.040762),
+        ("r(28) = .45, p = .013", "r", ("28",), 0.012591),
+        ("z = 1.96, p = .05", "z", (), 0.049996),
+        ("Z = 1.96, P < 0.051", "z", (), 0.049996),
+        ("t(28) = 2.20, p = 3.62 \u00d7 10\u22122", "t", ("28",), 0.036225),
+    ],
+)
+def test_a_test_is_read_however_it_is_written(sentence: str, statistic: str, df: tuple[str, ...], p: float) -> None:
+    (one,) = reported_tests(f"We saw that {sentence}, as was expected.")
+    assert (one.statistic, tuple(each.text for each in one.df)) == (statistic, df)
+    assert float(p_values(one).low) <= p <= float(p_values(one).high)
+    (line,) = sentence_lines([one], one_tailed=False)
+    assert line.agrees
+
+
+def test_a_page_with_subscripts_entities_and_scripts() -> None:
+    page = (
+        "<p><i>t</i><sub>11</sub>&nbsp;= 8.14, <i>p</i>&nbsp;&lt;&nbsp;.001;</p><script>t(3) = 1.0, p = .9</script>"
+        "<p><em>F</em>(1, 20) = 15.00, <em>p</em> = 9.5 \u00d7 10<sup>\u22124</sup></p>"
+    )
+    assert [(one.statistic, one.p.text) for one in reported_tests(words(page))] == [("t", "<0.001"), ("F", "9.5e-4")]
+
+
+@pytest.mark.parametrize(
+    ("sentence", "quantity"),
+    [
+        ("t(28) = 2.20, p = .36", "P"),
+        ("t(28) = 2.20, p > .05", "P"),
+        ("t(28) = 2.20, ns", "P"),
+        ("F(2, 27) = 4.50, p < .01", "P"),
+        ("r(28) = 1.45, p = .01", "r"),
+        ("t(28) = 2.20, 95% CI [-0.2, 2.0], p = .036", "95% CI"),
+        ("t(28) = 2.20, p = .018", "P"),
+    ],
+)
+def test_what_contradicts_itself_is_accused(sentence: str, quantity: str) -> None:
+    lines = [*sentence_lines(reported_tests(sentence), one_tailed=False)]
+    assert [line.quantity for line in lines if not line.agrees] == [quantity]
+
+
+def test_half_a_p_stands_where_the_paper_says_one_tailed() -> None:
+    text = "All tests are one-tailed. t(28) = 2.20, p = .018"
+    assert mentions_one_tailed(text)
+    assert all(line.agrees for line in sentence_lines(reported_tests(text), one_tailed=True))
+
+
+def test_no_right_line_is_accused() -> None:
+    """Statistics are drawn, and printed as a paper does: P by scipy of the unrounded value."""
+    draw = random.Random(5)
+    made = []
+    for _ in range(300):
+        df, value = draw.randint(3, 200), draw.uniform(0.05, 6)
+        r, above = draw.uniform(-0.9, 0.9), draw.randint(1, 5)
+        for head, p in (
+            (f"t({df}) = {value:.2f}", 2 * stats.t.sf(value, df)),
+            (f"F({above}, {df}) = {value:.2f}", stats.f.sf(value, above, df)),
+            (f"\u03c72({above}) = {value:.2f}", stats.chi2.sf(value, above)),
+            (f"z = {value:.2f}", 2 * stats.norm.sf(value)),
+            (f"r({df}) = {r:.2f}", 2 * stats.t.sf(abs(r) * math.sqrt(df / (1 - r * r)), df)),
+        ):
+            shown = "p < .001" if p < 0.001 else f"p = {p:.3f}" if draw.random() < 0.5 else f"p = {p:.2f}"
+            made.append(f"{head}, {shown}")
+    lines = [*sentence_lines(reported_tests(". ".join(made)), one_tailed=False)]
+    assert len(lines) == len(made) == 1500
+    assert [line for line in lines if not line.agrees] == []
+
+
+def test_an_audit_of_a_text_and_of_one_that_says_nothing(tmp_path: Path) -> None:
+    paper = tmp_path / "paper.txt"
+    paper.write_text("We saw t(28) = 2.20, p = .36.\n")
+    found = audit(str(paper))
+    assert [(line.subject, line.verdict) for line in found.comparison.lines] == [("t(28) = 2.20", "differs")]
+    for name, content in (
+        ("nothing.txt", "No test.\n"),
+        ("words.csv", "a;b\nx;y\n"),
+        ("letters.csv", "Effect;SS;df;MS;F;p\nMaterial;a;b;c;d;e\nResidual;a;b;c;;\n"),
+        ("paper.pdf", "%PDF-1.4\n"),
+    ):
+        (tmp_path / name).write_text(content)
+        with pytest.raises(PublishedError) as refused:
+            audit(str(tmp_path / name))
+        assert refused.value.exit_code == 2
