@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy
 from palpate.experiment.recordings.columns import RowLines, read_columns
+from palpate.experiment.recordings.unfinished import completed
 from palpate.experiment.recordings.units import SECONDS, Heading, heading, is_clock, is_counter, likely_unit, time_unit
 from palpate.experiment.recordings.wav import wav_samples
 from palpate.experiment.settings import delimited
@@ -91,7 +92,10 @@ def read(path: Path, *, channel: str | None = None, stated: Stated = NOTHING_STA
     try:
         content = delimited.content(path)
         if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
-            return _from_wav(path, *wav_samples(content, file=str(path)), channel)
+            whole, missing = completed(content)
+            made = _from_wav(path, *wav_samples(whole, file=str(path)), channel)
+            doubt = Finding(missing, where=path, remedy="check where it ends", verdict="warns", check="unfinished")
+            return replace(made, doubts=(doubt,)) if missing else made
         text, encoding = delimited.decoded(content, path, stated)
         lvm = text.startswith("LabVIEW Measurement")
         table = _from_lvm(text.splitlines()) if lvm else _from_columns(text, encoding, stated)

@@ -122,6 +122,18 @@ def test_a_truncated_wav_is_refused(tmp_path: Path) -> None:
         read(path)
 
 
+@pytest.mark.parametrize("size", [b"\0\0\0\0", b"\xff\xff\xff\xff"])
+def test_a_wav_whose_recorder_wrote_no_length_is_read_as_far_as_it_goes(tmp_path: Path, size: bytes) -> None:
+    """The header that scipy writes has 44 bytes; the sizes of the file and of its samples begin at 4 and at 40."""
+    path = tmp_path / "unfinished.wav"
+    wavfile.write(path, 5000, np.arange(100, dtype=np.int16))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:4] + size + whole[8:40] + size + whole[44:-1])
+    made = read(path)
+    assert (made.samples * 2**15).tolist() == list(range(99))
+    assert [(doubt.check, doubt.verdict) for doubt in made.doubts] == [("unfinished", "warns")]
+
+
 def test_a_wav_with_nan_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "nan.wav"
     wavfile.write(path, 5000, np.array([0, np.nan], np.float32))
