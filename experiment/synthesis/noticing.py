@@ -9,8 +9,9 @@ So the detection threshold T_i beside silence, and a difference of the Weber fra
 noticed as often as such thresholds are defined: 79.4 % of two intervals are correct (three down, one up; Levitt 1971,
 J. Acoust. Soc. Am. 49, 467-477). P = Phi(d' / 2^(1/2)) are correct at a d' (Green and Swets 1966, Signal Detection
 Theory), of which 2 P - 1 without guessing: that counts as noticed. At least, the third octave that differs most is
-judged alone, with the largest w published. At most, all are judged, independently (d' is the root of the sum of
-squares), with the smallest. When within a vibration something differs is not in the model.
+judged alone; at most, all are judged, independently (d' is the root of the sum of squares); of the smallest and the
+largest w published, either takes the one that makes it so. Near the threshold a small w has the larger noise. When
+within a vibration something differs is not in the model.
 """
 
 from dataclasses import dataclass
@@ -94,7 +95,8 @@ def noticed(asked_db: NDArray[np.float64], given_db: NDArray[np.float64], site: 
         off = np.abs(np.log((given + noise) / (asked + noise)))
         return np.asarray(CRITERION * off / (2 * np.log1p(fraction)))
 
-    least, most = float(apart(site.most_fraction).max()), float(np.linalg.norm(apart(site.least_fraction)))
+    ends = [apart(fraction) for fraction in (site.least_fraction, site.most_fraction)]
+    least, most = min(float(one.max()) for one in ends), max(float(np.linalg.norm(one)) for one in ends)
     return Noticed(erf(least / 2), erf(most / 2))
 
 

@@ -67,3 +67,11 @@ def test_a_share_is_noticed_as_such_levels_are_and_below_some_share_rarely(site:
     off_db = STRONG_DB + 20 * np.log10(1 + share)
     assert noticed_at_most(share, site) == pytest.approx(noticed(STRONG_DB, off_db, site).most, rel=1e-4)
     assert noticed_at_most(unnoticed_share(site), site) == pytest.approx(RARELY, rel=1e-9)
+
+
+@pytest.mark.parametrize("level_db", [-40.0, -20.0, 0.0])
+def test_at_least_is_never_more_than_at_most(level_db: float) -> None:
+    """Beside the threshold of the sole, some -20 dB, a small Weber fraction means the larger internal noise."""
+    asked_db = np.full(18, level_db)
+    found = noticed(asked_db, asked_db + one(3.0), SOLE)
+    assert 0 < found.least < found.most
