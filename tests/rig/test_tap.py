@@ -19,7 +19,7 @@ from filelock import FileLock
 
 from palpate.experiment.apparatus.audio.mixer import AT_ONCE
 from palpate.experiment.errors import AudioError
-from palpate.experiment.rehearsal.wires import sound_card
+from palpate.experiment.rehearsal.wires import mouth, sound_card
 from palpate.experiment.rehearsal.wires.listener import Tap
 from palpate.experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig import sound
@@ -103,8 +103,8 @@ def test_what_begins_at_a_server_and_starts_and_stops_one_has_its_turn(monkeypat
 
     for name in ("_started", "_stop"):
         monkeypatch.setattr(SoundCard, name, noting(name, getattr(SoundCard, name)))
-    for name in ("Tap", "Mouth"):
-        monkeypatch.setattr(sound_card, name, noting(name))
+    for module, name in ((sound_card, "Tap"), (mouth, "Mouth")):
+        monkeypatch.setattr(module, name, noting(name))
     with sound.sound_card() as card:
         with sound.stream():
             card.tap(1, seconds=1.0)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.rig import Rig, tracker_of
-from palpate.experiment.apparatus.servo import settings
+from palpate.experiment.apparatus.servo import passivity
 from palpate.experiment.apparatus.servo.device import ForceDevice
 from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE
@@ -51,7 +51,7 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
         return
     limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
     yield passed("force limit", f"nothing above {limit_n:g} N is sent; the device makes {device.full_scale_n:g} N")
-    fits, why = settings.judged(virtual, device)
+    fits, why = passivity.judged(virtual, device, tracker_of(rig))
     yield judged("block", fits, why, allowed="passive", remedy="take a softer block, or a device with more damping")
 
 

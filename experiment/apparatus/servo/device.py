@@ -85,12 +85,14 @@ class ForceDevice:
         self.dropped = 0
         """How often the device said that it had dropped its force."""
 
-    def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> None:
+    def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> Pair:
         """Push with a force, N, out of the block and along its face, up to the limit; light the lamp if `fast`.
 
-        `now_ns` is the machine's monotonic clock. Raises `ServoError` if the device takes nothing more.
+        `now_ns` is the machine's monotonic clock. Returns the force within the limit. Raises `ServoError` if the device
+        takes nothing more.
         """
-        message = encode(self._sequence, bounded(force_n, self._limit_n), fast=fast)
+        sent_n = bounded(force_n, self._limit_n)
+        message = encode(self._sequence, sent_n, fast=fast)
         try:
             sent = self._line.send(message)
         except OSError as error:
@@ -99,6 +101,7 @@ class ForceDevice:
             raise self._trouble("it reads nothing more", RUNS)
         self._unanswered.append((self._sequence % _SEQUENCES, now_ns))
         self._sequence += 1
+        return sent_n
 
     def late_ns(self, now_ns: int) -> int:
         """Return for how long the oldest message has waited for its answer, ns. Raises `ServoError` if it is gone."""

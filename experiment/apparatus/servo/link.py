@@ -216,6 +216,8 @@ class ServoHere:
         self._asked: tuple[Block | None, int] = (None, 0)
         self._under: tuple[Block | None, int] = self._asked
         self._at = Rendered()
+        self._observer = orders.observer()
+        self._sent_n = rendering.NO_FORCE
         self._pushed = (rendering.NO_FORCE, False)
 
     def is_live(self) -> bool:
@@ -246,14 +248,15 @@ class ServoHere:
                 self._under, self._at = self._asked, self._at.silent()
             block, ends_ns = self._under
             part = rendering.share(clock.session_ns(us), ends_ns)
-            self._at, touched = rendering.step(block if part else None, self._at, us, place_mm)
+            meets = block if part else None
+            self._at, touched = rendering.step(meets, self._at, us, place_mm, self._observer, self._sent_n)
             touches += touched
             # The device is handed what it does not push already.
             out_n, along_n = self._at.force_n
             wanted = (part * out_n, part * along_n), self._at.speed_mm_s > self._orders.fastest_mm_s
             if wanted != self._pushed:
                 self._pushed = wanted
-                self._device.push(wanted[0], fast=wanted[1], now_ns=monotonic_ns())
+                self._sent_n = self._device.push(wanted[0], fast=wanted[1], now_ns=monotonic_ns())
                 self._device.catch_up(BEHIND)
         return _felt(places, touches, clock, self._at.speed_mm_s > self._orders.fastest_mm_s)
 

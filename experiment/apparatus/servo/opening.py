@@ -3,11 +3,13 @@
 from palpate.experiment.apparatus.opening import open_tracker, simulated_only
 from palpate.experiment.apparatus.rig import REHEARSAL, Rig, needed, tracker_of
 from palpate.experiment.apparatus.servo.link import Servo, ServoHere, ServoProcess
+from palpate.experiment.apparatus.servo.observer import observer_of
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import RigError
+from palpate.experiment.protocol.kinds.tapping import Tapping
 
 
 def servo_of(rig: Rig) -> ServoRig:
@@ -18,10 +20,9 @@ def servo_of(rig: Rig) -> ServoRig:
 
 def open_servo(
     rig: Rig,
+    virtual: Tapping,
     *,
-    rate_hz: int,
     limit_n: float,
-    fastest_mm_s: float,
     clock: Clock,
     port: str | None = None,
     address: str | None = None,
@@ -29,14 +30,14 @@ def open_servo(
 ) -> Servo:
     """Open the rig's tracker and force device together: in a process of their own, unless time is simulated.
 
-    Forces go out `rate_hz` times a second, up to `limit_n`; a lamp is lit above `fastest_mm_s`. Other arguments are as
-    in `opening.open_tracker`. Raises `RigError` without a force device, or for a simulated one, and `ServoError`.
+    Forces go out at the rate of `virtual`, up to `limit_n`; a lamp is lit above its fastest speed. Other arguments are
+    as in `opening.open_tracker`. Raises `RigError` without a force device, or for a simulated one, and `ServoError`.
     """
     device, tracker = servo_of(rig), tracker_of(rig)
     where, hand = address or device.address, port or tracker.port
     if REHEARSAL in (where, hand):
         raise RigError.at(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
-    along = tracker.along_calibration or ()
+    along, observer = tracker.along_calibration or (), observer_of(virtual, device, tracker)
     orders = Orders(
         port=hand,
         baud=tracker.baud,
@@ -49,8 +50,10 @@ def open_servo(
         address=where,
         answer_ms=device.answer_ms,
         limit_n=limit_n,
-        rate_hz=rate_hz,
-        fastest_mm_s=fastest_mm_s,
+        rate_hz=virtual.rate_hz,
+        fastest_mm_s=virtual.fastest_mm_s,
+        noise_m=observer.noise_m if observer is not None else 0.0,
+        told_kg=observer.mass_kg if observer is not None else 0.0,
     )
     if not clock.simulated:
         return ServoProcess(orders, clock)

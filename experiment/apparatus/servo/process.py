@@ -37,7 +37,8 @@ import numpy as np
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo import rendering
 from palpate.experiment.apparatus.servo.device import ForceDevice
-from palpate.experiment.apparatus.servo.rendering import Rendered, share
+from palpate.experiment.apparatus.servo.observer import Observer
+from palpate.experiment.apparatus.servo.rendering import NO_FORCE, Rendered, share
 from palpate.experiment.apparatus.tracker.frames import Decoder, Frames
 from palpate.experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, reason
 from palpate.experiment.errors import PalpateError, ServoError
@@ -68,7 +69,8 @@ SIGKILL_PENDING = 1 << 8
 class Orders:
     """What the process needs when it begins; keys as in the rig file and the protocol.
 
-    `counts` and `mm` are the tracker's calibration, `along_counts` and `along_mm` along a planar one's face.
+    `counts` and `mm` are the tracker's calibration, `along_counts` and `along_mm` along a planar one's face; its noise
+    includes the rounding to counts. `told_kg` is the mass that the observer is told; without one there is no observer.
     """
 
     port: str
@@ -84,6 +86,14 @@ class Orders:
     fastest_mm_s: float
     along_counts: tuple[float, ...] = ()
     along_mm: tuple[float, ...] = ()
+    noise_m: float = 0.0
+    told_kg: float = 0.0
+
+    def observer(self) -> Observer | None:
+        """Return what tells where the hand is; None where nothing is known of the device's mass."""
+        if not self.told_kg:
+            return None
+        return Observer(1.0 / self.tracker_hz, self.noise_m, self.told_kg)
 
     def decoder(self) -> Decoder:
         """Return what reads the tracker's frames, from the first on."""
@@ -202,6 +212,8 @@ class Servo:
         self._block: Block | None = None
         self._until_ns = self._beat_ns = 0
         self._at = Rendered()
+        self._observer = orders.observer()
+        self._sent_n = NO_FORCE
         self._arrived_ns = 0
         self.counts: Counter[str] = Counter()
 
@@ -236,7 +248,7 @@ class Servo:
         if time.monotonic_ns() - now_ns >= SILENT_NS:
             self._fall_silent("late")
         (out_n, along_n), fast = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
-        self._device.push((part * out_n, part * along_n), fast=fast, now_ns=now_ns)
+        self._sent_n = self._device.push((part * out_n, part * along_n), fast=fast, now_ns=now_ns)
         self._pulse[0] = now_ns if self._at.state is not None and part == 1 else 0
         waited_ns = self._device.late_ns(now_ns)
         if waited_ns > self._orders.answer_ms * 1e6:
@@ -273,7 +285,7 @@ class Servo:
                 self._arrived_ns = arrived_ns
                 for us, place_mm in self._orders.places(frames):
                     pushed = self._at.state is not None
-                    self._at, touches = rendering.step(block, self._at, us, place_mm)
+                    self._at, touches = rendering.step(block, self._at, us, place_mm, self._observer, self._sent_n)
                     self.counts["unbelievable"] += pushed and self._at.state is None
                     for touch in touches:
                         self._line.tell(TOUCH, TOUCHED.pack(*touch), now_ns)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from math import hypot, isfinite
 from typing import NamedTuple
 
+from palpate.experiment.apparatus.servo.observer import Observer, Seen
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.contact import path
@@ -67,6 +68,7 @@ class Rendered(NamedTuple):
 
     `us` is the newest sample's device time, None before the first; `state` None without a force. The force, N, is not
     bounded yet. `armed`: the next touch counts. `speed_mm_s` is the latest mean, since `since_us` and `since_mm`.
+    `seen` is what an observer believes of the hand.
     """
 
     us: int | None = None
@@ -77,6 +79,7 @@ class Rendered(NamedTuple):
     speed_mm_s: float = 0.0
     since_us: int = 0
     since_mm: Pair = (0.0, 0.0)
+    seen: Seen | None = None
 
     def silent(self) -> Rendered:
         """Return the same without a force, which begins again where the hand touches from outside."""
@@ -100,29 +103,43 @@ def share(now_ns: int, until_ns: int) -> float:
     return min(max(1.0 - (now_ns - until_ns) / FALLS_NS, 0.0), 1.0)
 
 
-def step(block: Block | None, at: Rendered, us: int, place_mm: Pair) -> tuple[Rendered, tuple[Touch, ...]]:
-    """Return what follows from a sample at (height, along the face), mm, and device time; it never raises."""
+def step(
+    block: Block | None,
+    at: Rendered,
+    us: int,
+    place_mm: Pair,
+    observer: Observer | None = None,
+    sent_n: Pair = NO_FORCE,
+) -> tuple[Rendered, tuple[Touch, ...]]:
+    """Return what follows from a sample at (height, along the face), mm, and device time; it never raises.
+
+    `sent_n` is the force that was sent since the sample before, N, which an observer is told.
+    """
     passed_us = 0 if at.us is None else us - at.us
     # False for what is no number, too.
     near = hypot(place_mm[0] - at.place_mm[0], place_mm[1] - at.place_mm[1]) <= MOST_MM_S * passed_us * 1e-6
+    hand_m = place_mm[0] * 1e-3, place_mm[1] * 1e-3
     if not (near and 0 < passed_us < GAP_S * 1e6):
         if not isfinite(place_mm[0] + place_mm[1]):
             return Rendered(), ()
-        return Rendered(us, place_mm, since_us=us, since_mm=place_mm), ()
+        return Rendered(us, place_mm, since_us=us, since_mm=place_mm, seen=Seen(*hand_m)), ()
     speed_mm_s, since_us, since_mm = at.speed_mm_s, at.since_us, at.since_mm
     if us - since_us >= SPEED_US:
         speed_mm_s = hypot(place_mm[0] - since_mm[0], place_mm[1] - since_mm[1]) / (us - since_us) * 1e6
         since_us, since_mm = us, place_mm
     armed = at.armed or place_mm[0] > AGAIN_MM
-    moved = Rendered(us, place_mm, None, NO_FORCE, armed, speed_mm_s, since_us, since_mm)
+    dt_s, hand_m_s, seen = passed_us * 1e-6, None, at.seen
+    if observer is not None and seen is not None:
+        seen = observer.step(seen, hand_m, dt_s, sent_n)
+        hand_m, hand_m_s = seen[:2], seen[2:4]
+    moved = Rendered(us, place_mm, None, NO_FORCE, armed, speed_mm_s, since_us, since_mm, seen)
     if block is None:
         return moved, ()
-    hand_m = place_mm[0] * 1e-3, place_mm[1] * 1e-3
     state = at.state
     if state is None or (place_mm[0] > AWAY_MM and _has_moved(state)):
         return moved._replace(state=_outside(block, hand_m)), ()
     try:
-        stepped = path.step((block,), state, hand_m=hand_m, dt_s=passed_us * 1e-6)
+        stepped = path.step((block,), state, hand_m=hand_m, dt_s=dt_s, hand_m_s=hand_m_s)
     except SynthesisError:
         return moved, ()
     touches = tuple(

@@ -1,17 +1,23 @@
-"""The force device of a rig file, and whether a block may be rendered on it."""
+"""The force device of a rig file."""
 
 from __future__ import annotations
 
-from math import inf
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from palpate.experiment.errors import RigError
-from palpate.experiment.settings.load import Address, Confined, Rules, port_rules
+from palpate.experiment.settings.load import Address, Broken, Confined, Line, Rules, port_rules
 
-if TYPE_CHECKING:
-    from palpate.experiment.protocol.kinds.tapping import Tapping
+
+def _servo_rules(table: Any) -> Iterator[Broken]:
+    """`hand_damping_n_s_m` and `hand_damping_source` stand together, beside `tip_mass_kg`."""
+    yield from port_rules(table)
+    hand, source = table.get("hand_damping_n_s_m"), table.get("hand_damping_source")
+    if (hand is None) != (source is None):
+        yield Broken(("hand_damping_source",), "hand_damping_n_s_m and its source; both or neither")
+    if hand is not None and table.get("tip_mass_kg") is None:
+        yield Broken(("tip_mass_kg",), "the mass of the device's tip, kg, beside hand_damping_n_s_m")
 
 
 class ServoRig(Confined):
@@ -25,9 +31,13 @@ class ServoRig(Confined):
             may be.
         delay_ms: from the hand's being somewhere until its force is there.
         answer_ms: the device answers each message within this time, or nothing more is pushed.
+        tip_mass_kg: what the hand moves of the device, as weighed. By it the servo knows what the force does that it
+            sent; without it, speed is the difference of two samples.
+        hand_damping_n_s_m: what is counted on from a finger beside the device's own damping; 0 if left out.
+        hand_damping_source: who measured that.
     """
 
-    RULES: ClassVar[Rules] = port_rules
+    RULES: ClassVar[Rules] = _servo_rules
 
     driver: Literal["force-tcp"]
     address: Address
@@ -35,41 +45,11 @@ class ServoRig(Confined):
     damping_n_s_m: Annotated[float, Field(ge=0, le=1e4)]
     delay_ms: Annotated[float, Field(ge=0, le=20)]
     answer_ms: Annotated[float, Field(gt=0, le=100)]
+    tip_mass_kg: Annotated[float, Field(gt=0, le=10)] | None = Field(None, json_schema_extra={"since": 6})
+    hand_damping_n_s_m: Annotated[float, Field(ge=0, le=100)] | None = Field(None, json_schema_extra={"since": 6})
+    hand_damping_source: Line | None = Field(None, json_schema_extra={"since": 6})
 
-
-def judged(virtual: Tapping, device: ServoRig) -> tuple[bool, str]:
-    """Return whether a device may render a protocol's block, and in sentences how stiff it may be, and why."""
-    from palpate.experiment.synthesis.stepping import stability
-
-    delay_s = device.delay_ms / 1e3
-    bound = stability.allowed(
-        rate_hz=virtual.rate_hz,
-        mass_kg=inf if virtual.mass_kg is None else virtual.mass_kg,
-        damping_n_s_m=virtual.damping_n_s_m,
-        device_damping_n_s_m=device.damping_n_s_m,
-        delay_s=delay_s,
-    )
-    needed = stability.needed_damping_n_s_m(
-        stiffness_n_m=virtual.stiffness_n_m,
-        damping_n_s_m=virtual.damping_n_s_m,
-        period_s=1 / virtual.rate_hz,
-        delay_s=delay_s,
-    )
-    fits = virtual.stiffness_n_m <= bound.stiffness_n_m
-    return fits, (
-        f"{bound.text} The block has {virtual.stiffness_n_m:g} N/m and {virtual.damping_n_s_m:g} N s/m at "
-        f"{virtual.rate_hz} Hz, with forces {device.delay_ms:g} ms late: that is passive on a device with "
-        f"{needed:.4g} N s/m of its own, and this one has {device.damping_n_s_m:g} N s/m."
-    )
-
-
-def refuse_beyond(virtual: Tapping, device: ServoRig, *, rig: str) -> None:
-    """Refuse, with a `RigError`, a block that the device of that rig does not bear."""
-    fits, why = judged(virtual, device)
-    if not fits:
-        raise RigError(
-            f"rig '{rig}'",
-            "got a block that may give energy to the hand",
-            allowed=f"a passive one. {why} Take a softer block, less damping, a faster servo, or a device with more "
-            "damping of its own",
-        )
+    @property
+    def borne_n_s_m(self) -> float:
+        """The damping of the device and what is counted on from the hand, N s/m."""
+        return self.damping_n_s_m + (self.hand_damping_n_s_m or 0.0)

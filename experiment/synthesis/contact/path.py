@@ -85,21 +85,27 @@ def init(blocks: Sequence[Block], *, hand_m: Pair) -> State:
     return State(0.0, hand_m, (0.0, 0.0), tuple(Left(*_in_axes(one, one.face_m), 0.0, 0.0, 0.0) for one in blocks))
 
 
-def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float) -> Stepped:
+def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, hand_m_s: Pair | None = None) -> Stepped:
     """Return what follows when the hand has gone straight to (x, y), m, in `dt_s`, s.
 
-    `blocks` are those of `init`. Raises `SynthesisError` unless the place is finite and the time above zero and finite.
+    `hand_m_s` is its speed, m/s, where an observer tells it: the hand then came from where that speed has it before,
+    and not from the place told then. `blocks` are those of `init`. Raises `SynthesisError` unless the place is finite
+    and the time above zero and finite.
     """
     if not 0 < dt_s < inf:
         raise SynthesisError(f"step: got {dt_s:g} s; allowed: a finite time above zero; give the time between samples")
     (before_x, before_y), (x, y) = state.hand_m, hand_m
-    moving = (x - before_x) / dt_s, (y - before_y) / dt_s
+    if hand_m_s is None:
+        moving, gone_x, gone_y = ((x - before_x) / dt_s, (y - before_y) / dt_s), 0.0, 0.0
+    else:
+        moving = hand_m_s
+        gone_x, gone_y = x - moving[0] * dt_s - before_x, y - moving[1] * dt_s - before_y
     if not (moving[0] - moving[0] == 0.0 == moving[1] - moving[1]):
         _placed(hand_m)
         raise SynthesisError(f"hand: got a step to {hand_m} m in {dt_s:g} s; allowed: a finite speed; check the times")
     now_s, force_x, force_y = state.time_s + dt_s, 0.0, 0.0
     change_x, change_y = moving[0] - state.hand_m_s[0], moving[1] - state.hand_m_s[1]
-    turned = bool(change_x or change_y)
+    turned = bool(change_x or change_y or gone_x or gone_y)
     after: list[Motion | Left] = []
     switches: list[tuple[int, Switch]] = []
     for i, (block, was) in enumerate(zip(blocks, state.blocks, strict=True)):
@@ -115,6 +121,8 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float) ->
         began: tuple[Switch, ...] = ()
         if turned:
             phase, deep, rate, along, aside, since, owed = at
+            deep += gone_x * into_x + gone_y * into_y
+            along += gone_y * into_x - gone_x * into_y
             rate += change_x * into_x + change_y * into_y
             aside += change_y * into_x - change_x * into_y
             at = new(Motion, (phase, deep, rate, along, aside, since, owed))

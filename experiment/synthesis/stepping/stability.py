@@ -5,7 +5,6 @@ eigenvalue of it is larger than 1. All matrices are written in K h^2 / M and C h
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import inf, pi, sqrt
 from typing import NamedTuple
 
@@ -87,18 +86,6 @@ def limit(method: str, *, damping_ratio: float) -> float:
     return _last(holds, 1e-5 / fast, 1e3 / fast)
 
 
-def largest_stable_n_m(method: str, *, damping_n_s_m: float, mass_kg: float, rate_hz: float) -> float:
-    """Return the largest stiffness at which a stepper is stable, N/m; infinity where all are, 0 where none is."""
-
-    def holds(stiffness_n_m: float) -> bool:
-        return stable(
-            method, stiffness_n_m=stiffness_n_m, damping_n_s_m=damping_n_s_m, mass_kg=mass_kg, step_s=1 / rate_hz
-        )
-
-    unit = mass_kg * rate_hz**2
-    return _last(holds, 1e-9 * unit, 1e3 * unit)
-
-
 def needed_damping_n_s_m(*, stiffness_n_m: float, damping_n_s_m: float, period_s: float, delay_s: float = 0.0) -> float:
     """Return the physical damping b that a device needs for a sampled wall to be passive, N s/m (see the module).
 
@@ -112,62 +99,6 @@ def needed_damping_n_s_m(*, stiffness_n_m: float, damping_n_s_m: float, period_s
     return float(np.max(stiffness_n_m * period_s / 2 * spring - damping_n_s_m * damper))
 
 
-def largest_passive_n_m(
-    *, device_damping_n_s_m: float, damping_n_s_m: float, period_s: float, delay_s: float = 0.0
-) -> float:
-    """Return the largest passive stiffness for a device with this physical damping, N/m; 0 where there is none."""
-    _sampled(device_damping_n_s_m, damping_n_s_m, period_s, delay_s)
-    spring, damper = _bounds(delay_s / period_s)
-    spare = device_damping_n_s_m + damping_n_s_m * damper
-    if np.any(spare < 0):
-        return 0.0
-    return float(np.min(spare[spring > 0] / (period_s / 2 * spring[spring > 0])))
-
-
-@dataclass(frozen=True)
-class Allowed:
-    """The largest stiffness that a rate, a mass and a device allow, N/m, and what sets it."""
-
-    stiffness_n_m: float
-    stepper_n_m: float
-    passive_n_m: float
-
-    @property
-    def text(self) -> str:
-        """The same in a sentence."""
-        if self.stiffness_n_m == 0:
-            return "No stiffness is allowed: the damping alone is more than the device or the stepper bears."
-        by = "the device's own damping" if self.passive_n_m <= self.stepper_n_m else "the stepper"
-        return f"A stiffness up to {self.stiffness_n_m:.4g} N/m is allowed; {by} sets it."
-
-
-def allowed(
-    *,
-    rate_hz: float,
-    mass_kg: float,
-    damping_n_s_m: float,
-    device_damping_n_s_m: float,
-    delay_s: float = 0.0,
-    method: str = EXACT,
-) -> Allowed:
-    """Return the largest stiffness for a servo of this rate, Hz, whose forces arrive `delay_s` late, s.
-
-    Masses are in kg, dampings, the device's physical, in N s/m. Raises `SynthesisError` for an unknown method, a rate
-    or a mass that is not above zero and finite, and as `needed_damping_n_s_m`.
-    """
-    if not 0 < rate_hz < inf or not mass_kg > 0:
-        raise SynthesisError(
-            f"servo: got {rate_hz:g} Hz and {mass_kg:g} kg; allowed: a finite rate and a mass above zero; correct them"
-        )
-    passive = largest_passive_n_m(
-        device_damping_n_s_m=device_damping_n_s_m, damping_n_s_m=damping_n_s_m, period_s=1 / rate_hz, delay_s=delay_s
-    )
-    by_stepper = inf
-    if mass_kg < inf:
-        by_stepper = largest_stable_n_m(method, damping_n_s_m=damping_n_s_m, mass_kg=mass_kg, rate_hz=rate_hz)
-    return Allowed(min(passive, by_stepper), by_stepper, passive)
-
-
 def of_the_paper() -> str:
     """Return the verdict on the paper's block, 2500 N/m and 100 N s/m at 2.5 kHz, in whole sentences."""
     period = 1 / PAPER_RATE_HZ
@@ -178,7 +109,8 @@ def of_the_paper() -> str:
     lightest = PAPER_DAMPING_N_S_M * period / 2
     return (
         f"The paper's block of {PAPER_STIFFNESS_N_M:g} N/m and {PAPER_DAMPING_N_S_M:g} N s/m at "
-        f"{PAPER_RATE_HZ:g} Hz is passive only in front of a device with {needed:.4g} N s/m of its own "
+        f"{PAPER_RATE_HZ:g} Hz, with the hand's speed as the difference of two samples, is passive only in front of a "
+        f"device with {needed:.4g} N s/m of its own "
         f"({late:.4g} N s/m if the force comes a period late). A direct drive that was built for little friction has "
         "far less, so passivity does not explain why it was stable; the fingers that held it, and the mass of the "
         "block, which the paper does not print, may. The damper asks for nearly all of it: the spring alone would need "

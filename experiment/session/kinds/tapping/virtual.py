@@ -15,7 +15,7 @@ from palpate.experiment.apparatus.panel.conditioning import open_conditioner, op
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.apparatus.rig import Rig, tracker_of
-from palpate.experiment.apparatus.servo import settings
+from palpate.experiment.apparatus.servo import passivity
 from palpate.experiment.apparatus.servo.link import Servo
 from palpate.experiment.apparatus.servo.opening import open_servo, servo_of
 from palpate.experiment.apparatus.tracker import zeroing
@@ -66,7 +66,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     virtual = protocol.table(Tapping)
     device = servo_of(rig)
     if not rig.rig.simulated:
-        settings.refuse_beyond(virtual, device, rig=rig.rig.name)
+        passivity.refuse_beyond(virtual, device, tracker_of(rig), rig=rig.rig.name)
         zeroing.check_age(rig, day(clock.now_ns()))
     limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
@@ -88,9 +88,8 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     port, clock_map = ends.tracker(opened)
     servo = open_servo(
         rig,
-        rate_hz=virtual.rate_hz,
+        virtual,
         limit_n=limit_n,
-        fastest_mm_s=virtual.fastest_mm_s,
         clock=clock,
         port=port,
         address=force,
@@ -106,7 +105,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
-    settings.refuse_beyond(protocol.table(Tapping), servo_of(rig), rig=rig.rig.name)
+    passivity.refuse_beyond(protocol.table(Tapping), servo_of(rig), tracker_of(rig), rig=rig.rig.name)
     refuse_unmeasured(rig_file, rig, today)
     zeroing.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
@@ -114,7 +113,7 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
 
 def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tuple[str, PalpateError | None]:
     """Return what the board reads of a rig, and why it bears no block of the protocol, if so; raises as `left_out`."""
-    bears, told = settings.judged(protocol.table(Tapping), servo_of(rig))
+    bears, told = passivity.judged(protocol.table(Tapping), servo_of(rig), tracker_of(rig))
     planar = "is planar: the block" if tracker_of(rig).readings == 2 else "is not planar: nothing"
     omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     told = f"{told} The tracker {planar} pushes along the face." + (

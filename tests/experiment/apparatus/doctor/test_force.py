@@ -25,7 +25,7 @@ DEVICE = RIG.servo
 PAPER = files.load(shipped("wellman1995.toml"))
 
 
-def changed(**keys: float) -> ServoRig:
+def changed(**keys: float | None) -> ServoRig:
     assert DEVICE is not None
     return DEVICE.model_copy(update=keys)
 
@@ -45,7 +45,7 @@ def test_a_device_that_answers_is_told_with_limit_and_block(
     monkeypatch.setattr(force, "ASKS_S", 0.1)
     with ForceDeviceProcess() as device:
         # However long a busy machine lets the simulated device wait for its turn.
-        found = looked_at(device.address, changed(answer_ms=60_000.0))
+        found = looked_at(device.address, changed(answer_ms=60_000.0, damping_n_s_m=110.0, tip_mass_kg=None))
         alone = looked_at(device.address, changed(answer_ms=60_000.0), protocol=None)
     assert list(found) == ["force device", "force answers", "force rate", "force limit", "block"]
     assert {found[name].verdict for name in ("force device", "force answers", "force limit", "block")} == {"passes"}
@@ -75,11 +75,12 @@ def test_a_rig_that_renders_no_surface_is_red_before_a_study_of_them_alone(name:
 
 
 def test_a_device_that_would_give_energy_to_the_hand_is_red() -> None:
-    """The paper's block needs 100.5 N s/m of its device: K T / 2 + C."""
-    found = looked_at("127.0.0.1:1", changed(damping_n_s_m=100.4))["block"]
+    """Of a device whose mass is not known the paper's block needs 100.5 N s/m: K T / 2 + C."""
+    found = looked_at("127.0.0.1:1", changed(damping_n_s_m=100.4, tip_mass_kg=None))["block"]
     assert found.verdict == "refuses"
     assert "100.5 N s/m" in found.what
-    assert looked_at("127.0.0.1:1", changed(damping_n_s_m=100.6))["block"].verdict == "passes"
+    assert looked_at("127.0.0.1:1", changed(damping_n_s_m=100.6, tip_mass_kg=None))["block"].verdict == "passes"
+    assert looked_at("127.0.0.1:1", hz=2500)["block"].verdict == "passes"
 
 
 @pytest.mark.parametrize(

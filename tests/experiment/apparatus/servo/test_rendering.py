@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from palpate.experiment.apparatus.servo.rendering import AGAIN_MM, NO_FORCE, Rendered, Touch, bounded, step
 from palpate.experiment.synthesis.contact.block import Block, Pair
+from tests.benchmarks.force import felt, taps_off
 
 K, C, DT_US = 800.0, 5.0, 500
 BLOCK = Block((K, K), (C, C), (inf, inf), into=(-1.0, 0.0), nominal_s=DT_US * 1e-6)
@@ -163,3 +164,16 @@ def test_any_samples_at_all_push_no_more_than_the_limit(samples: list[tuple[int,
 def _size(force_n: Pair) -> float:
     """How large a force is in single precision, as the device is given it."""
     return hypot(float(np.float32(force_n[0])), float(np.float32(force_n[1])))
+
+
+def test_a_hand_that_the_force_moves_rests_inside_and_is_not_shaken() -> None:
+    """Half a millimetre inside of 2500 N/m is 1.25 N; the difference of two samples shakes it by 92 %."""
+    for late in (0, 1):
+        still = felt(0.1, lasts_s=0.5, damping_n_s_m=1.0, late=late).held_n
+        assert still.mean() == pytest.approx(1.25, rel=0.01)
+        assert 0 < still.std() < 0.06 * 1.25
+        assert still.min() > 0
+
+
+def test_a_tap_is_within_seven_tenths_of_the_law() -> None:
+    assert 0 < taps_off(0.05, 100, 2) < 0.7

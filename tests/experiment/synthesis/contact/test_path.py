@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import cos, inf, pi, sin, sqrt
 from typing import Any
 
@@ -18,6 +19,9 @@ from palpate.experiment.synthesis.contact.path import Left, Trajectory, init, st
 from tests.approved import Refuses
 
 DT = 400e-6
+
+OFF_THE_FACE_M = st.integers(-2000, 2000).filter(bool).map(lambda um: (um + 0.1) * 1e-6)
+"""At the face itself rounding decides."""
 
 
 def wall(**changed: Any) -> Block:
@@ -182,3 +186,25 @@ def test_what_is_no_block_or_path_is_refused(refuses: Refuses) -> None:
         init([wall()], hand_m=(0.1, 0.0))
     with refuses(SynthesisError):
         trajectory([wall()], times_s=[0.0, 1.0], hand_m=[[0.0, 0.0]])
+
+
+@given(data=st.data())
+def test_a_speed_that_is_the_difference_of_two_places_changes_nothing(data: st.DataObject) -> None:
+    places = data.draw(st.lists(OFF_THE_FACE_M, min_size=2, max_size=12))
+    block = wall(damping_n_s_m=(100.0, 0.0))
+    told = alone = init((block,), hand_m=(-3e-3, 0.0))
+    for before, place in pairwise([-3e-3, *places]):
+        alone, force_n, _ = step((block,), alone, hand_m=(place, 0.0), dt_s=DT)
+        told, told_n, _ = step((block,), told, hand_m=(place, 0.0), dt_s=DT, hand_m_s=((place - before) / DT, 0.0))
+        assert told_n == pytest.approx(force_n, abs=1e-9)
+
+
+@given(data=st.data())
+def test_where_a_speed_is_told_the_force_is_the_law_at_the_place_and_speed_told(data: st.DataObject) -> None:
+    """A block that is held has no memory: K r + C v where that is above zero and the hand inside, and nothing else."""
+    block = wall(damping_n_s_m=(100.0, 0.0))
+    state = init((block,), hand_m=(-1e-3, 0.0))
+    for place, speed in data.draw(st.lists(st.tuples(OFF_THE_FACE_M, st.floats(-0.5, 0.5)), min_size=1, max_size=12)):
+        state, (out_n, _), _ = step((block,), state, hand_m=(place, 0.0), dt_s=DT, hand_m_s=(speed, 0.0))
+        law_n = max(2500.0 * place + 100.0 * speed, 0.0) if place > 0 else 0.0
+        assert -out_n == pytest.approx(law_n, abs=1e-6)

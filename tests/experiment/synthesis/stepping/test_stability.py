@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
 from math import inf, pi, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.numerics import contact as simulated
 from palpate.experiment.errors import SynthesisError
@@ -77,29 +73,6 @@ def test_the_damping_needed_is_that_of_the_condition(k: float, c: float, delay: 
         assert needed == k * 4e-4 / 2 + c
 
 
-@given(b=st.floats(0.1, 50.0), c=st.floats(0.0, 10.0), delay=st.sampled_from([0.0, 4e-4, 1e-3]))
-def test_the_largest_passive_stiffness_needs_just_the_damping_there_is(b: float, c: float, delay: float) -> None:
-    most = stability.largest_passive_n_m(device_damping_n_s_m=b, damping_n_s_m=c, period_s=4e-4, delay_s=delay)
-    if most == 0:
-        assert stability.needed_damping_n_s_m(stiffness_n_m=0.0, damping_n_s_m=c, period_s=4e-4, delay_s=delay) > b * (
-            1 - 1e-9
-        )
-    else:
-        needed = stability.needed_damping_n_s_m(stiffness_n_m=most, damping_n_s_m=c, period_s=4e-4, delay_s=delay)
-        assert needed == pytest.approx(b, rel=1e-6)
-
-
-def test_rate_mass_and_device_set_the_largest_stiffness(approved: SnapshotAssertion) -> None:
-    servo = partial(stability.allowed, rate_hz=2500.0, mass_kg=0.1, damping_n_s_m=1.0)
-    made = servo(device_damping_n_s_m=5.0)
-    assert made.stiffness_n_m == pytest.approx((5 - 1) * 2 / 4e-4, rel=1e-9)
-    by_stepper = servo(device_damping_n_s_m=1e6, method="semi-implicit euler")
-    assert by_stepper.stiffness_n_m == pytest.approx(4 * 0.1 * 2500**2 - 2 * 2500 * 1.0, rel=1e-6)
-    none = servo(device_damping_n_s_m=0.5)
-    assert none.stiffness_n_m == 0
-    assert [made.text, by_stepper.text, none.text] == approved
-
-
 def test_the_paper_is_judged() -> None:
     told = stability.of_the_paper()
     assert "100.5 N s/m of its own" in told
@@ -109,7 +82,5 @@ def test_the_paper_is_judged() -> None:
 def test_what_is_no_servo_is_refused() -> None:
     with pytest.raises(SynthesisError, match="wall: got"):
         stability.needed_damping_n_s_m(stiffness_n_m=-1.0, damping_n_s_m=0.0, period_s=1.0)
-    with pytest.raises(SynthesisError, match="servo: got 0 Hz"):
-        stability.allowed(rate_hz=0.0, mass_kg=1.0, damping_n_s_m=0.0, device_damping_n_s_m=1.0)
     with pytest.raises(SynthesisError, match="damping ratio: got -1"):
         stability.limit("rk4", damping_ratio=-1.0)

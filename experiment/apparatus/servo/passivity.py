@@ -1,0 +1,92 @@
+"""Whether a device bears a block: the damping that it needs for a sampled block to be passive.
+
+Colgate and Schenkel, "Passivity of a Class of Sampled-Data Systems", Journal of Robotic Systems 14, 1997: for every
+frequency w up to pi / T, with the response H(z) from place to force,
+
+    b > T / 2 / (1 - cos w T) Re{(1 - exp(-j w T)) H(exp(j w T)) exp(-j w d)}
+
+H is that of spring and damper on what the observer believes, with the force that is sent fed back to it. Where nothing
+is known of the device's mass, speed is the difference of two samples, and the bound is b > K T / 2 + C.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.experiment.apparatus.servo.observer import Observer, least_kg, observer_of
+from palpate.experiment.errors import RigError
+
+if TYPE_CHECKING:
+    from palpate.experiment.apparatus.servo.settings import ServoRig
+    from palpate.experiment.apparatus.tracker.settings import TrackerRig
+    from palpate.experiment.protocol.kinds.tapping import Tapping
+
+FREQUENCIES = 4096
+"""So many are scanned up to pi / T: the worst is far below it."""
+
+
+def needed_damping_n_s_m(
+    observer: Observer, *, stiffness_n_m: float, damping_n_s_m: float, delay_s: float = 0.0
+) -> float:
+    """Return the physical damping b that a device and a hand need together, N s/m.
+
+    Arguments are K, N/m, and C, N s/m, of a block that is held, and how late its force arrives, s.
+    """
+    period_s = observer.period_s
+    alpha, beta, gamma = observer.gains
+    gains = np.array([alpha, beta / period_s, gamma / period_s**2])
+    moves = np.array([[1.0, period_s, period_s**2 / 2], [0.0, 1.0, period_s], [0.0, 0.0, 1.0]])
+    pushed = np.array([period_s**2 / 2, period_s, 0.0]) / observer.mass_kg
+    law = np.array([stiffness_n_m, damping_n_s_m, 0.0])
+    corrected = np.eye(3) - np.outer(gains, [1.0, 0.0, 0.0])
+    angle = np.linspace(0.0, np.pi, FREQUENCIES + 1)[1:]
+    before = np.exp(-1j * angle)
+    loop = np.eye(3) - before[:, None, None] * (corrected @ (moves - np.outer(pushed, law)))
+    force = np.linalg.solve(loop, np.broadcast_to(gains[:, None], (angle.size, 3, 1)))[:, :, 0] @ law
+    late = np.exp(-1j * angle * delay_s / period_s)
+    bound = period_s / 2 / (1.0 - np.cos(angle)) * ((1.0 - before) * force * late).real
+    return max(float(bound.max()), 0.0)
+
+
+def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[bool, str]:
+    """Return whether a device may render a protocol's block, and in sentences what damping that takes, and why."""
+    delay_s = device.delay_ms / 1e3
+    k, c, period_s = virtual.stiffness_n_m, virtual.damping_n_s_m, max(1 / virtual.rate_hz, 1 / tracker.rate_hz)
+    observer = observer_of(virtual, device, tracker)
+    block = f"The block has {k:g} N/m and {c:g} N s/m at {virtual.rate_hz} Hz, with forces {device.delay_ms:g} ms late"
+    has = f"this one has {device.damping_n_s_m:g} N s/m"
+    if device.hand_damping_n_s_m:
+        has += f", and {device.hand_damping_n_s_m:g} N s/m are counted on from the hand ({device.hand_damping_source})"
+    if observer is None:
+        from palpate.experiment.synthesis.stepping import stability
+
+        needed = stability.needed_damping_n_s_m(
+            stiffness_n_m=k, damping_n_s_m=c, period_s=1 / virtual.rate_hz, delay_s=delay_s
+        )
+        speed = "; the hand's speed is the difference of two samples"
+    else:
+        if observer.mass_kg < (least := least_kg(virtual, tracker)):
+            return False, f"{block}; it trembles on less than {least:g} kg, and the device has {observer.mass_kg:g} kg."
+        needed = needed_damping_n_s_m(
+            replace(observer, period_s=period_s), stiffness_n_m=k, damping_n_s_m=c, delay_s=delay_s
+        )
+        speed = f"; the servo is told the force that it sent, and a mass of {observer.mass_kg:g} kg"
+    return needed <= device.borne_n_s_m, (
+        f"{block}{speed}: that is passive on a device with {needed:.4g} N s/m of its own, and {has}."
+    )
+
+
+def refuse_beyond(virtual: Tapping, device: ServoRig, tracker: TrackerRig, *, rig: str) -> None:
+    """Refuse, with a `RigError`, a block that the device of that rig does not bear."""
+    fits, why = judged(virtual, device, tracker)
+    if not fits:
+        weigh = "Weigh the device's tip (servo.tip_mass_kg), or take " if device.tip_mass_kg is None else "Take "
+        raise RigError(
+            f"rig '{rig}'",
+            "got a block that may give energy to the hand",
+            allowed=f"a passive one. {why} {weigh}a softer block, less damping, a faster servo, or a device with more "
+            "damping of its own",
+        )

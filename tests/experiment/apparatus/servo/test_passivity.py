@@ -1,0 +1,140 @@
+"""Whether a device bears a block (Colgate and Schenkel 1997), as the paper's block is judged."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from syrupy.assertion import SnapshotAssertion
+
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.rig import tracker_of
+from palpate.experiment.apparatus.servo import passivity
+from palpate.experiment.apparatus.servo.observer import Observer
+from palpate.experiment.apparatus.servo.settings import ServoRig
+from palpate.experiment.errors import RigError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.kinds.tapping import Tapping
+from tests.approved import Refuses
+
+DEVICE: dict[str, Any] = {
+    "driver": "force-tcp",
+    "address": "127.0.0.1:4713",
+    "full_scale_n": 3.0,
+    "damping_n_s_m": 110.0,
+    "delay_ms": 0.0,
+    "answer_ms": 20.0,
+}
+PAPER = Tapping(
+    switch_key="s",
+    rate_hz=2500,
+    stiffness_n_m=2500.0,
+    damping_n_s_m=100.0,
+    full_m_s2=50.0,
+    decay_per_s=100.0,
+    fastest_mm_s=175.0,
+)
+TRACKER = tracker_of(rig.load(shipped("rigs/tapping.toml")))
+"""5 um of noise, counts of 1 um, 2.5 kHz."""
+
+FINGER: dict[str, Any] = {"hand_damping_n_s_m": 2.0, "hand_damping_source": "measured in our laboratory, SIMULATED"}
+
+
+def device(**changed: Any) -> ServoRig:
+    return ServoRig.model_validate(DEVICE | changed)
+
+
+def bears(block: Tapping = PAPER, **changed: Any) -> bool:
+    return passivity.judged(block, device(**changed), TRACKER)[0]
+
+
+def test_the_papers_block_needs_100_5_n_s_m_where_no_mass_is_known(approved: SnapshotAssertion) -> None:
+    """2500 N/m * 400 us / 2 + 100 N s/m."""
+    assert bears(damping_n_s_m=100.51)
+    fits, why = passivity.judged(PAPER, device(damping_n_s_m=100.49), TRACKER)
+    assert not fits
+    assert why == approved
+
+
+def test_a_force_that_comes_late_asks_for_more() -> None:
+    """A spring alone that comes n periods late asks for K T / 2 (2 n + 1), at low frequencies: 5 * 0.5 N s/m."""
+    spring = PAPER.model_copy(update={"damping_n_s_m": 0.0})
+    assert bears(spring, delay_ms=0.8, damping_n_s_m=2.51)
+    assert not bears(spring, delay_ms=0.8, damping_n_s_m=2.49)
+
+
+def grows(observer: Observer, *, k: float, c: float, b: float, kg: float, n_m: float) -> bool:
+    """Whether a spring on a mass, with a damper b, ever more moves a servo of one axis: written out anew."""
+    period = observer.period_s
+    alpha, beta, gamma = observer.gains
+    # The mass between two samples, under a force that is held.
+    moved = expm(np.array([[0.0, 1.0, 0.0], [-n_m / kg, -b / kg, -1 / kg], [0.0, 0.0, 0.0]]) * period)
+    # State: place, speed; believed place, speed, acceleration; the force that is held.
+    loop = np.zeros((6, 6))
+    loop[:2, :2], loop[:2, 5] = moved[:2, :2], moved[:2, 2]
+    ahead = np.array([[1.0, period, period**2 / 2], [0.0, 1.0, period], [0.0, 0.0, 1.0]])
+    pushed = -np.array([period**2 / 2, period, 0.0]) / observer.mass_kg
+    gains = np.array([alpha, beta / period, gamma / period**2])
+    loop[2:5, 2:5], loop[2:5, 5] = ahead, pushed
+    off = loop[0] - loop[2]
+    loop[2:5] += np.outer(gains, off)
+    loop[5] = k * loop[2] + c * loop[3]
+    return bool(np.abs(np.linalg.eigvals(loop)).max() > 1.0 + 1e-9)
+
+
+def test_the_worst_spring_on_the_device_dies_out_at_the_bound_and_grows_below() -> None:
+    """A spring may be anything a hand is: of all, the worst is one that the bound just allows."""
+    observer = Observer(4e-4, 5e-6, 0.05)
+    needed = passivity.needed_damping_n_s_m(observer, stiffness_n_m=2500.0, damping_n_s_m=100.0)
+    loads = [(kg, n_m) for kg in (0.05, 0.1, 0.3) for n_m in np.geomspace(1e2, 1e7, 60)]
+
+    def any_grows(b: float) -> bool:
+        return any(grows(observer, k=2500.0, c=100.0, b=b, kg=kg, n_m=n_m) for kg, n_m in loads)
+
+    assert not any_grows(1.02 * needed)
+    assert any_grows(0.8 * needed)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "needed"), [(2500, (2.43, 5.72, 16.0)), (5000, (3.01, 7.10, 18.1)), (10_000, (4.05, 8.85, 20.4))]
+)
+def test_less_mass_told_and_a_slower_servo_ask_for_less(rate_hz: int, needed: tuple[float, ...]) -> None:
+    """Told 0.05, 0.1 and 0.3 kg: 2.4, 5.7 and 16 N s/m, by another program's scan of the same condition."""
+    for kg, n_s_m in zip((0.05, 0.1, 0.3), needed, strict=True):
+        observer = Observer(1 / rate_hz, 5e-6, kg)
+        found = passivity.needed_damping_n_s_m(observer, stiffness_n_m=2500.0, damping_n_s_m=100.0)
+        assert found == pytest.approx(n_s_m, rel=4e-3)
+
+
+def test_a_filter_that_believes_every_sample_is_the_difference_of_two() -> None:
+    """Without noise the gains go to 1, 2 and 1, and told an endless mass it knows of no force."""
+    blind = Observer(4e-4, 1e-15, inf)
+    found = passivity.needed_damping_n_s_m(blind, stiffness_n_m=2500.0, damping_n_s_m=0.0)
+    assert found == pytest.approx(2500 * 4e-4 / 2, rel=1e-3)
+
+
+def test_a_device_of_five_bears_the_papers_block_alone_and_one_of_one_with_a_finger() -> None:
+    assert bears(damping_n_s_m=5.0, tip_mass_kg=0.1)
+    assert not bears(damping_n_s_m=1.0, tip_mass_kg=0.1)
+    assert bears(damping_n_s_m=1.0, tip_mass_kg=0.1, **FINGER)
+    assert not bears(damping_n_s_m=0.1, tip_mass_kg=0.1, **FINGER)
+
+
+def test_what_moves_too_little_is_refused_however_much_damping_it_has() -> None:
+    """C T / m = 2 with 0.02 kg at 2.5 kHz."""
+    assert not bears(damping_n_s_m=100.0, tip_mass_kg=0.02)
+
+
+def test_participants_are_refused_beyond_it(refuses: Refuses) -> None:
+    passivity.refuse_beyond(PAPER, device(), TRACKER, rig="ours")
+    with refuses(RigError):
+        passivity.refuse_beyond(PAPER, device(damping_n_s_m=5.0), TRACKER, rig="ours")
+
+
+def test_a_rig_that_is_told_its_mass_is_refused_by_that_bound(refuses: Refuses) -> None:
+    small = device(damping_n_s_m=0.2, tip_mass_kg=0.1, hand_damping_n_s_m=2.0, hand_damping_source="SIMULATED finger")
+    with refuses(RigError):
+        passivity.refuse_beyond(PAPER, small, TRACKER, rig="ours")
