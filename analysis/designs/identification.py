@@ -61,7 +61,7 @@ def _task(task: TaskResult) -> dict[str, Any]:
         "tests": [
             {"material": test.material, **asdict(test.result), "stars": task.stars(test), "p_holm": test.p_holm,
              "sign_flip": test.flip, "sign_flip_p_holm": test.flip_holm, "d_interval": test.d,
-             "log_bf10": test.log_bf10}
+             "log_bf10": test.log_bf10, "interval": test.interval}
             for test in task.tests
         ],
     }  # fmt: skip

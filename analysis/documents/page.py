@@ -27,7 +27,7 @@ REPORT, METHODS = "report.html", "methods.html"
 ON_METHODS = "Methods and further tables"
 """The part whose sections are on the page of methods, with the formulas."""
 
-FORMAT = 4
+FORMAT = 5
 """The format of a folder of results: its `results.json` and the columns of its tables."""
 
 Methods = Sequence[tuple[str, str]]

@@ -15,7 +15,7 @@ from palpate.analysis.identification.maps import Choice, Mantel, Scaling
 from palpate.analysis.statistics import inference, lapses
 from palpate.analysis.statistics.exact import NotDefined, Statements, defined
 from palpate.analysis.statistics.participants import Jackknife, jackknife
-from palpate.analysis.statistics.shares import Limits, modelled, share_limits
+from palpate.analysis.statistics.shares import Limits, modelled, population_limits, share_limits
 
 CHOICE_RESAMPLES = 999
 CHOICE_TOLERANCE = 1e-3
@@ -24,7 +24,7 @@ CHOICE_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Cell:
-    """Intervals of one cell: of `count` in `trials`, pooled, and `interval`, of the mean ratio among participants."""
+    """Intervals of one cell: of `count` in `trials`, pooled; of the mean ratio among participants, and of any such."""
 
     presented: str
     answered: str
@@ -33,6 +33,7 @@ class Cell:
     wilson: inference.ConfidenceInterval | None
     clopper_pearson: inference.ConfidenceInterval | None
     interval: Limits | None
+    any_population: Limits | None
     statement: str
 
 
@@ -160,11 +161,17 @@ def _cells(matrix: confusions.Confusion) -> list[Cell]:
         for j, answered in enumerate(matrix.materials):
             count, trials = int(pooled[i, j]), int(pooled[i].sum())
             if not trials:
-                cells.append(Cell(presented, answered, 0, 0, None, None, None, "nobody was presented this material"))
+                cells.append(
+                    Cell(presented, answered, 0, 0, None, None, None, None, "nobody was presented this material")
+                )
                 continue
-            limits, why = defined(partial(share_limits, matrix.counts[:, i, j], matrix.trials[:, i]))
+            own = matrix.counts[:, i, j], matrix.trials[:, i]
+            (limits, why), (anybody, _) = (
+                defined(partial(share_limits, *own)),
+                defined(partial(population_limits, *own)),
+            )
             exact = inference.wilson(count, trials), inference.clopper_pearson(count, trials)
-            cells.append(Cell(presented, answered, count, trials, *exact, limits, why))
+            cells.append(Cell(presented, answered, count, trials, *exact, limits, anybody, why))
     return cells
 
 

@@ -18,10 +18,10 @@ from palpate.analysis.documents.tables import plural
 from palpate.analysis.identification.companion_tests import LINKED, MARGIN, slopes_logit, told_apart
 from palpate.analysis.identification.confusion import Confusion, shared
 from palpate.analysis.reading.study import Study
-from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Statements, defined, mean_gaps
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Statements, mean_gaps
 from palpate.analysis.statistics.inference import holm
 from palpate.analysis.statistics.participants import equivalence, order_effect, repeated
-from palpate.analysis.statistics.shares import Limits, difference_limits, share_limits
+from palpate.analysis.statistics.shares import Limits, difference_limits, first_limits
 from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def _against_chance(plan: PlannedTest, study: Study, tasks: Tasks, rng: np.rando
     def line(task: str, place: int) -> list[Line]:
         _, right, trials = _counts(plan, tasks[task], only=[place], least=1)
         right, trials = right[0, 0], trials[0, 0]
-        limits, _ = defined(partial(share_limits, right, trials))
+        limits = first_limits(right, trials, float(chance))
         flip = sign_flip(list(map(Fraction, right.tolist(), trials.tolist())), chance, rng)
         return [_flipped((task,), tasks[task].materials[place], flip, float((right / trials).mean()), limits)]
 

@@ -32,6 +32,7 @@ from palpate.analysis.statistics import anova as anovas
 from palpate.analysis.statistics import inference
 from palpate.analysis.statistics.exact import defined
 from palpate.analysis.statistics.icc import Icc, icc
+from palpate.analysis.statistics.shares import Limits, first_limits
 from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ FLIPS, PLANNED = 1, 2
 class MaterialTest:
     """Correct answers to one material against chance; stars follow the protocol's P, Holm's in the `family`.
 
+    `interval` is that of the mean to be shown first, None where nobody has a trial.
     `flip_least` is P of sign flips, adjusted where the stars' P is, if everybody who differs from chance did so alike.
     """
 
@@ -64,6 +66,7 @@ class MaterialTest:
     flip: SignFlip | None
     flip_holm: float | None
     flip_least: float | None
+    interval: Limits | None
     stars: str
 
 
@@ -227,6 +230,7 @@ def _tasks(study: Study) -> tuple[TaskResult, ...]:
     found = [(confusion_of(study, task.id), chance(study, task.id)) for task in tasks]
     tests = [[inference.t_against_chance(each, guessed) for each in _correct(matrix)] for matrix, guessed in found]
     flips = [_flips(*one, np.random.default_rng([SEED, place, FLIPS])) for place, one in enumerate(found)]
+    limits = [[_first(matrix, place, float(guessed)) for place in matrix.presented] for matrix, guessed in found]
     corrections = [correction(study, task.id) for task in tasks]
     columns = (
         _adjusted([[test.p for test in of] for of in tests], corrections),
@@ -236,9 +240,13 @@ def _tasks(study: Study) -> tuple[TaskResult, ...]:
     return tuple(
         TaskResult(task, float(guessed), matrix, tuple(map(_test, task.presented, *rows, repeat(family))), family)
         for task, (matrix, guessed), family, *rows in zip(
-            tasks, found, corrections, tests, flips, *columns, strict=True
+            tasks, found, corrections, tests, flips, *columns, limits, strict=True
         )
     )
+
+
+def _first(matrix: Confusion, place: int, chance: float) -> Limits | None:
+    return defined(partial(first_limits, matrix.counts[:, place, place], matrix.trials[:, place], chance))[0]
 
 
 def _flips(matrix: Confusion, guessed: Fraction, rng: np.random.Generator) -> list[SignFlip | None]:
@@ -252,6 +260,7 @@ def _test(
     p_holm: float | None,
     flip_holm: float | None,
     least_holm: float | None,
+    interval: Limits | None,
     family: str | None,
 ) -> MaterialTest:
     return MaterialTest(
@@ -263,6 +272,7 @@ def _test(
         flip,
         flip_holm,
         least_holm if family or not flip else flip.least,
+        interval,
         test.stars if family is None else replace(test, p=p_holm).stars,
     )
 

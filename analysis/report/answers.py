@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -33,10 +33,10 @@ from palpate.analysis.report.plan import (
 from palpate.analysis.statistics.sign_flips import DRAWS
 
 if TYPE_CHECKING:
-    from palpate.analysis.identification.identify import Cell
     from palpate.analysis.identification.planned import Line, Planned
     from palpate.analysis.identification.results import MaterialTest, Results, TaskResult
     from palpate.analysis.reading.study import Study
+    from palpate.analysis.statistics.shares import Limits
 
 QUESTIONS = {
     T: "Are answers right more often than by chance?",
@@ -52,6 +52,14 @@ TWO_WAY_ERRS = (
 )
 ONE_WAY_ERRS = "This ANOVA takes four ratios of each participant as independent, so its P is not exact."
 BY_FLIPS = "Exact sign flips answer here; the t-tests and the ANOVA as published stand below, each under its own mark."
+OVER = {
+    "any population": "Somebody is no better than chance while most answers are right. The interval of {} allows for "
+    "any population of participants.",
+    "trials": "There is one participant. The interval of {} is of this participant's trials (Clopper and Pearson).",
+}
+"""What an interval is of, unless of participants who differ in one way."""
+
+TWO_ALONE = "There are two participants, so intervals are wide."
 UNDEFINED = "No answer: this test is not defined for what was planned and done."
 
 
@@ -159,11 +167,12 @@ def _line(line: Line) -> str:
     if line.df is not None and line.f is not None:
         return f"{line.subject} (F({line.df[0]}, {line.df[1]}) = {line.f:.2f}, {p})"
     limits = "" if line.interval is None else f"{bounds(line.interval, 2)}, "
-    return f"{line.subject} {number(line.value, 2)} ({limits}{p})".lstrip()
+    return f"{line.subject} {share(line.value, line.interval)} ({limits}{p})".lstrip()
 
 
 def _weak(one: Planned, words: Words) -> Iterator[str]:
     yield from [words.errs] if words.errs and one.lines else ()
+    yield from _rough([(line.subject or " and ".join(line.tasks), line.n, line.interval) for line in one.lines])
     if drawn := [line.error for line in one.lines if line.error]:
         yield f"P is from {DRAWS:,} drawn signs or orders, with a standard error of {max(drawn):.1g} at most."
     if lacking := [line for line in one.lines if not line.shown and (line.least or 0.0) >= one.plan.alpha]:
@@ -203,9 +212,11 @@ def _published(
     match test:
         case "t against chance":
             if found := [one for one in map(results.task, tasks) if one is not None]:
-                return Asked(
-                    question, " ".join(_materials_above(one, results, level) for one in found), mark, (BY_FLIPS,)
+                weak = (
+                    BY_FLIPS,
+                    *_rough([(test.material, test.result.n, test.interval) for one in found for test in one.tests]),
                 )
+                return Asked(question, " ".join(_materials_above(one, level) for one in found), mark, weak)
         case "one-way ANOVA":
             if answers := tuple(_told_apart(results, tasks, stands, level)):
                 return Asked(question, " ".join(answers), mark, (ONE_WAY_ERRS,))
@@ -217,27 +228,39 @@ def _published(
     return Asked(question, UNDEFINED, mark)
 
 
-def _materials_above(task: TaskResult, results: Results, level: float) -> str:
+def _rough(found: Sequence[tuple[str, int, Limits | None]]) -> Iterator[str]:
+    """Yield which intervals, each of a subject and so many participants, are not what they are elsewhere."""
+    known = [(subject, n, limits.over) for subject, n, limits in found if limits is not None]
+    for over, what in OVER.items():
+        if names := dict.fromkeys(subject for subject, _, of in known if of == over):
+            yield what.format(joined(list(names)))
+    if any(n == 2 and of == "participants" for _, n, of in known):
+        yield TWO_ALONE
+
+
+def share(value: float | None, limits: Limits | None) -> str:
+    """Return a mean share in print, in words where an end of its interval is open."""
+    if limits is None or (limits.low is not None and limits.high is not None):
+        return number(value, 2)
+    return "all wrong" if limits.low is None else "all right"
+
+
+def _materials_above(task: TaskResult, level: float) -> str:
     """Return which materials sign flips, which hold, show above chance, with mean ratios and intervals."""
-    one = next(one for one in results.identifications if one.task == task.task.id)
-    cells = {cell.presented: cell for cell in one.cells if cell.presented == cell.answered}
     shown = [test for test in task.tests if task.shows_above(test, task.flip(test), level)]
     others = [test for test in task.tests if test not in shown and test.result.mean is not None]
     parts = []
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
-        parts.append(f"above chance ({task.chance:.3g}) for {_listed(shown, cells)} (sign flips, {p_is(most)} or less)")
+        parts.append(f"above chance ({task.chance:.3g}) for {_listed(shown)} (sign flips, {p_is(most)} or less)")
     if others:
-        parts.append(f"not shown above chance for {_listed(others, cells)}")
+        parts.append(f"not shown above chance for {_listed(others)}")
     return f"{task.task.id}: {'; '.join(parts) or 'no answers'}."
 
 
-def _listed(tests: list[MaterialTest], cells: dict[str, Cell]) -> str:
-    from palpate.analysis.report.found import limits_of
-
+def _listed(tests: list[MaterialTest]) -> str:
     return joined([
-        f"{test.material} {number(test.result.mean, 2)} ({bounds(limits_of(cells[test.material]), 2)})"
-        for test in tests
+        f"{test.material} {share(test.result.mean, test.interval)} ({bounds(test.interval, 2)})" for test in tests
     ])  # fmt: skip
 
 

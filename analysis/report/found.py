@@ -12,15 +12,15 @@ from palpate.analysis.documents.tables import (
     ends,
     interval,
     joined,
-    number,
     p_is,
     plural,
     probability,
     tabulate,
 )
-from palpate.analysis.identification.identify import Cell, Identification
+from palpate.analysis.identification.identify import Identification
 from palpate.analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from palpate.analysis.reading.study import Study
+from palpate.analysis.report.answers import share
 from palpate.analysis.report.plan import CHANCE, DIFFER, FOUND, Standing, alpha, planned_questions
 from palpate.analysis.statistics.shares import Limits
 
@@ -41,26 +41,26 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     paragraphs += [" ".join(_task(task, one, alpha(study, CHANCE, task.task.id))) for task, one in both]
     level = alpha(study, DIFFER, *(task.task.id for task in results.tasks))
     paragraphs += [" ".join(_differences(results, level))] * bool(list(_differences(results, level)))
-    tested = [(task, test, cell) for task, one in both for test, cell in zip(task.tests, _right(one), strict=True)]
+    tested = [(task, test) for task in results.tasks for test in task.tests]
     adjusted = {task.correction is not None for task in results.tasks}
     how = {True: "adjusted by Holm", False: "not adjusted"}
     said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
-    alone = any(test.result.n == 1 for _, test, _ in tested)
+    alone = any(test.result.n == 1 for _, test in tested)
     single = " Of one participant they are Clopper and Pearson's, of that participant's trials." if alone else ""
     notes = (
         f"Correct answer ratios with intervals over participants.{single} P is of t against chance, {said}; ours is "
         f"that of sign flips. Stars follow P of t.{bracketed(results.tasks)}",
     )
     mark = ", ".join(dict.fromkeys(stands.of_any(CHANCE, task.task.id) for task in results.tasks))
-    records = [_record(task, test, cell) for task, test, cell in tested]
+    records = [_record(task, test) for task, test in tested]
     table = tabulate("Correct answers", CORRECT, records, notes, standing=mark, in_print=OF_STARS)
     return Section("found", FOUND, (*paragraphs, *remark), (table,), tuple(_further(results)))
 
 
-def _record(task: TaskResult, test: MaterialTest, cell: Cell) -> Record:
+def _record(task: TaskResult, test: MaterialTest) -> Record:
     return {
         "quantity": "correct answer ratio", "task": task.task.id, "of": test.material, "n": test.result.n,
-        "value": test.result.mean, **ends(limits_of(cell)), "statistic": test.result.t, "p": test.result.p,
+        "value": test.result.mean, **ends(test.interval), "statistic": test.result.t, "p": test.result.p,
         "p_holm": test.p_holm, "p_sign_flip_ours": test.flip and test.flip.p, "stars": task.stars(test),
         "p_of_stars": test.p_holm if task.correction else test.result.p, "p_sign_flip_of_stars": task.flip(test),
         "also_in": "tests.csv",
@@ -88,23 +88,10 @@ def _further(results: Results) -> Iterator[Record]:
                    "also_in": "beside.csv"}  # fmt: skip
 
 
-def limits_of(cell: Cell) -> Limits | None:
-    """Return the interval of a cell over participants, or that of the trials of a single one."""
-    if cell.interval or cell.clopper_pearson is None:
-        return cell.interval
-    low, high = cell.clopper_pearson.low, cell.clopper_pearson.high
-    return Limits(low if cell.count else None, high if cell.count < cell.trials else None)
-
-
-def _right(one: Identification) -> list[Cell]:
-    return [cell for cell in one.cells if cell.presented == cell.answered]
-
-
 def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
-    cells = {cell.presented: cell for cell in _right(one)}
     yield f"{task.task.title} ({plural(len(task.confusion.participants), 'participant')})."
-    yield from _tested(task, cells, level)
-    yield from _untested(task, cells, level)
+    yield from _tested(task, level)
+    yield from _untested(task, level)
     if (least := _least(task)) >= level:
         yield (
             "Sign flips, which are ours, cannot show it: with so few who differ from chance, their P is at least "
@@ -119,7 +106,7 @@ def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
         yield f"Answers transmitted {bits.value:.2f} of {one.information.presented:.2f} bits a trial ({limits}; ours)."
 
 
-def _tested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[str]:
+def _tested(task: TaskResult, level: float) -> Iterator[str]:
     """Yield which materials are shown above chance by t and by sign flips, which by one of the two, and which not."""
     groups: dict[tuple[bool, bool | None], list[MaterialTest]] = {}
     for test in task.tests:
@@ -140,7 +127,7 @@ def _tested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[
     first = True
     for which, (whole, short) in said.items():
         if which in groups:
-            listed = _listed(groups[which], cells)
+            listed = _listed(groups[which])
             how = f"right more often than by chance ({task.chance:.4g})"
             yield whole.format(how, listed) if first or not short else short.format(listed)
             first = False
@@ -152,14 +139,14 @@ def _least(task: TaskResult) -> float:
     return least if least < 1 else 0.0
 
 
-def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[str]:
+def _untested(task: TaskResult, level: float) -> Iterator[str]:
     """Yield of which materials t has no P, as where every answer was right, and what sign flips say of them."""
     found = [test for test in task.tests if test.result.p is None and test.result.mean is not None]
     if not found:
         return
     alone = all(test.result.n == 1 for test in found)
     why = "one participant has no spread" if alone else "the ratios of all participants are the same"
-    yield f"Ratios of right answers: {_listed(found, cells)}; chance is {task.chance:.4g}. t has no P, because {why}."
+    yield f"Ratios of right answers: {_listed(found)}; chance is {task.chance:.4g}. t has no P, because {why}."
     shown = [test for test in found if task.shows_above(test, task.flip(test), level)]
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
@@ -167,15 +154,11 @@ def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterato
         yield f"Sign flips, which are ours, show more right answers than by chance for {names} ({p_is(most)} or less)."
 
 
-def _listed(tests: Sequence[MaterialTest], cells: dict[str, Cell]) -> str:
+def _listed(tests: Sequence[MaterialTest]) -> str:
     parts = []
     for place, test in enumerate(tests):
-        limits = limits_of(cells[test.material])
-        shown = number(test.result.mean, 2)
-        if limits is not None:
-            whole = "all wrong" if limits.low is None else "all right" if limits.high is None else shown
-            shown = f"{whole}, {'' if place else '95 % CI '}{bounds(limits, 2)}"
-        parts.append(f"{test.material} ({shown})")
+        limits = f", {'' if place else '95 % CI '}{bounds(test.interval, 2)}" if test.interval else ""
+        parts.append(f"{test.material} ({share(test.result.mean, test.interval)}{limits})")
     return joined(parts)
 
 

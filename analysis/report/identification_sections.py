@@ -45,6 +45,7 @@ INTERVALS = (
     Column("ratio"), Column(("wilson_low", "wilson_high"), "Wilson"),
     Column(("clopper_pearson_low", "clopper_pearson_high"), "Clopper-Pearson"),
     Column(("low", "high"), "over participants", show=lambda *limits: bounds(Limits(*limits))),
+    Column(("any_low", "any_high"), "any population", show=lambda *limits: bounds(Limits(*limits))),
 )  # fmt: skip
 
 
@@ -56,7 +57,7 @@ def intervals_section(results: Results) -> Section:
             {"task": found.task, "presented": cell.presented, "answered": cell.answered, "count": cell.count,
              "trials": cell.trials, "ratio": cell.count / cell.trials if cell.trials else None,
              **ends(cell.wilson, "wilson_"), **ends(cell.clopper_pearson, "clopper_pearson_"),
-             **ends(cell.interval), "statement": cell.statement}
+             **ends(cell.interval), **ends(cell.any_population, "any_"), "statement": cell.statement}
             for cell in found.cells
         ]  # fmt: skip
         missing = {cell.statement: cell for cell in found.cells[::-1] if cell.statement}

@@ -3,15 +3,18 @@
 Counts are beta-binomial, with Jeffreys's prior of the mean and a flat one of the intraclass correlation; such an
 interval is short where participants are alike, or very unlike, so it is widened to that of Clopper and Pearson and to
 Student's on the logit. Differences: Newcombe (1998, Stat. Med. 17, 2635-2650), Zou and Donner (2008, Stat. Med. 27,
-1693-1702). At the ends: Brown, Cai and DasGupta (2001, Stat. Sci. 16, 101-133).
+1693-1702). At the ends: Brown, Cai and DasGupta (2001, Stat. Sci. 16, 101-133). Of any population: Gaffke (2005, Math.
+Methods Stat. 14, 451-460), with half a participant added; its weights by Imhof (1961, Biometrika 48, 419-426).
 """
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
+from scipy.optimize import brentq
 from scipy.special import expit, logit, stdtrit
 
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
@@ -29,17 +32,69 @@ LINKED = 1 - 1e-12
 EDGE = 0.1
 """Within so much of 0 or 1 a difference is squared and added."""
 
+MOST = 0.8
+"""Above this mean share somebody no better than chance is of another kind: ours, by rule of thumb."""
+
 
 @dataclass(frozen=True)
 class Limits:
     """An interval over participants at `confidence`; an end that answers all right, or all wrong, leave open is None.
 
-    Where all are right, `low` is the share that can be shown, and `high` None.
+    Where all are right, `low` is the share that can be shown, and `high` None. It is `over` participants who differ in
+    one way, over any population of them, or over the trials of one participant.
     """
 
     low: float | None
     high: float | None
     confidence: float = CONFIDENCE
+    over: Literal["participants", "any population", "trials"] = "participants"
+
+
+def first_limits(right: Integers, trials: Integers, chance: float) -> Limits:
+    """Return the interval to be shown first, from right answers and trials, shape (participants,).
+
+    It is that of the trials of a single participant, and that of any population where somebody is no better than
+    `chance` and the mean above `MOST`. Raises `NotDefined` where nobody has a trial.
+    """
+    right, trials = right[trials > 0], trials[trials > 0]
+    if right.size == 1:
+        exact = clopper_pearson(int(right[0]), int(trials[0]))
+        low, high = exact.low if right[0] else None, exact.high if right[0] < trials[0] else None
+        return Limits(low, high, over="trials")
+    if right.size and (right / trials).min() <= chance and (right / trials).mean() > MOST:
+        return population_limits(right, trials)
+    return share_limits(right, trials)
+
+
+def population_limits(right: Integers, trials: Integers) -> Limits:
+    """Return the interval of the mean share that holds for any population, from counts, shape (participants,).
+
+    Participants have random weights, drawn from Dirichlet(1, ..., 1, 1/2); the last is of half a participant who is
+    never right for the lower end, and always for the upper. Raises `NotDefined` below two participants.
+    """
+    right, trials = right[trials > 0], trials[trials > 0]
+    if right.size < 2:
+        raise NotDefined(f"an interval over participants needs two, got {right.size}")
+    low, wrong = (_weighted_mean(counts / trials) if counts.any() else None for counts in (right, trials - right))
+    return Limits(low, None if wrong is None else 1 - wrong, over="any population")
+
+
+STEPS = np.exp(np.arange(-30.0, 30.0, 0.1))
+"""Points of Imhof's integral, evenly apart in their logarithms, where the sum converges exponentially."""
+
+
+def _weighted_mean(shares: Floats) -> float:
+    """Return the value below which the weighted mean of shares, and of half a 0, lies with the lower tail."""
+    values, often = np.unique(np.append(shares, 0.0), return_counts=True)
+    weights = often - 0.5 * (values == 0)
+
+    def missing(at: float) -> float:
+        gaps = values - at
+        turns = np.outer(STEPS / abs(gaps).max(), gaps)
+        waves = np.sin(np.arctan(turns) @ weights) * np.exp(-np.log1p(turns**2) @ weights / 2)
+        return 0.5 - 0.1 * float(waves.sum()) / math.pi - (1 - CONFIDENCE) / 2
+
+    return float(brentq(missing, 0.0, float(values[-1]), xtol=1e-12))
 
 
 def share_limits(right: Integers, trials: Integers) -> Limits:

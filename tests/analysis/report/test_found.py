@@ -13,6 +13,7 @@ from palpate.analysis.identification.results import Results, compute
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Part, Study
 from palpate.analysis.report import sections
+from palpate.analysis.report.answers import answers_section
 from palpate.analysis.report.found import found_section
 from palpate.analysis.report.plan import done_of, standing
 from palpate.experiment.protocol import files
@@ -82,8 +83,10 @@ def test_the_interval_of_one_participant_is_that_of_the_trials(
 ) -> None:
     sessions = {str(k): {"virtual": balanced(k, 8)} for k in range(people)}
     study = read(write_dataset(tmp_path, sessions, tasks=("virtual",)))
-    (note,) = _found(study, compute(study, {})).tables[0].notes
+    results = compute(study, {})
+    (note,) = _found(study, results).tables[0].notes
     assert note == approved
+    assert answers_section(study, results, standing(study, None), ()).asked[0].lines == approved
 
 
 def _right(material: str, count: int) -> list[tuple[str, str]]:

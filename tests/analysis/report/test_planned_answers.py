@@ -55,5 +55,19 @@ def test_each_planned_question_has_one_answer(tmp_path: Path, approved: Snapshot
     assert [one["plan"]["test"] for one in DESIGN.numbers(results)["planned"]] == [plan["test"] for plan in PLANS]
 
 
+def test_a_guesser_among_others_widens_the_interval_of_the_first_screen(
+    tmp_path: Path, approved: SnapshotAssertion
+) -> None:
+    """Five are right in 11 or 12 of 12 with glass, the sixth in 3: the mean is 0.85."""
+    people = {
+        str(k): {"real": trials([("glass", "glass" if k or place < 3 else "sand") for place in range(12)])}
+        for k in range(6)
+    }
+    study = read(write_dataset(tmp_path, people, tasks=("real",)))
+    results = compute(study, {})
+    assert [test.interval and test.interval.over for test in results.tasks[0].tests] == ["any population", None, None]
+    assert text(answers_section(study, results, standing(study, None), ()), 80) == approved
+
+
 def test_every_test_has_its_words() -> None:
     assert set(WORDS) == set(TESTS)

@@ -12,7 +12,13 @@ from scipy import stats
 
 from palpate.analysis.statistics.exact import NotDefined
 from palpate.analysis.statistics.inference import clopper_pearson
-from palpate.analysis.statistics.shares import difference_limits, modelled, share_limits
+from palpate.analysis.statistics.shares import (
+    difference_limits,
+    first_limits,
+    modelled,
+    population_limits,
+    share_limits,
+)
 
 
 def _credible(right: list[int], trials: list[int]) -> tuple[float, float]:
@@ -140,3 +146,32 @@ def test_all_right_in_both_tasks_is_no_difference_of_zero_width() -> None:
     assert (found.high or 0) > 0.1
     with pytest.raises(NotDefined):
         difference_limits(tens[:, :1], tens[:, :1], np.zeros(1))
+
+
+def test_an_interval_for_any_population_has_the_quantiles_of_beta_where_shares_are_0_and_1() -> None:
+    """Of k right and the others wrong, the weight of the right is beta with k and the rest, half a participant more."""
+    found = population_limits(np.array([10, 10, 10, 0, 0]), np.full(5, 10))
+    assert (found.low, found.high) == pytest.approx((stats.beta.ppf(0.025, 3, 2.5), stats.beta.ppf(0.975, 3.5, 2)))
+    found = population_limits(np.array([5] * 4), np.array([5] * 4))
+    assert found.high is None
+    assert found.low == pytest.approx(stats.beta.ppf(0.025, 4, 0.5), abs=1e-9)
+    with pytest.raises(NotDefined):
+        population_limits(np.array([3]), np.array([10]))
+
+
+def test_an_interval_for_any_population_has_the_quantiles_of_drawn_weights() -> None:
+    shares = np.array([0.7, 0.5, 0.9, 0.2])
+    drawn = np.random.default_rng(1).dirichlet([1, 1, 1, 1, 0.5], 200_000)
+    expected = [np.quantile(drawn @ np.append(shares, end), tail) for end, tail in ((0, 0.025), (1, 0.975))]
+    found = population_limits(np.array([7, 5, 9, 2]), np.full(4, 10))
+    assert (found.low, found.high) == pytest.approx(expected, abs=2e-3)
+
+
+def test_what_is_shown_first_allows_for_guessers_among_others_and_for_a_single_participant() -> None:
+    tens = np.full(6, 10)
+    apart, guesser = np.array([10, 9, 10, 10, 9, 3]), np.array([10, 9, 10, 10, 9, 2])
+    assert first_limits(apart, tens, 0.25) == share_limits(apart, tens)
+    assert first_limits(guesser, tens, 0.25) == population_limits(guesser, tens)
+    assert first_limits(guesser - 2, tens, 0.25) == share_limits(guesser - 2, tens)
+    found = first_limits(np.array([0, 10]), np.array([0, 10]), 0.25)
+    assert (found.low, found.high, found.over) == (clopper_pearson(10, 10).low, None, "trials")
