@@ -14,7 +14,7 @@ from palpate.analysis.identification import maps
 from palpate.analysis.identification.maps import Choice, Mantel, Scaling
 from palpate.analysis.statistics import inference, lapses
 from palpate.analysis.statistics.exact import NotDefined, Statements, defined
-from palpate.analysis.statistics.participants import Jackknife, jackknife
+from palpate.analysis.statistics.participants import Jackknife, Misfit, jackknife, misfit
 from palpate.analysis.statistics.shares import Limits, modelled, population_limits, share_limits
 
 CHOICE_RESAMPLES = 999
@@ -58,6 +58,7 @@ class ChoiceIntervals:
     """The choice model with percentile intervals of similarities (M, M, 2) and biases (M, 2) from `used` resamples."""
 
     model: Choice
+    misfit: Misfit | None
     similarities: NDArray[np.float64] | None
     biases: NDArray[np.float64] | None
     used: int
@@ -214,9 +215,10 @@ def _transformed(share: float | None, count: int) -> float | None:
 def _choice(matrix: confusions.Confusion, rng: np.random.Generator) -> ChoiceIntervals:
     counts = matrix.counts[:, :, :-1]
     model = maps.similarity_choice(counts.sum(axis=0), matrix.materials)
+    astray, _ = defined(partial(misfit, counts, model.g2, model.df))
     weights, why = defined(lambda: inference.resamples(len(counts), CHOICE_RESAMPLES, rng))
     if weights is None:
-        return ChoiceIntervals(model, None, None, 0, why)
+        return ChoiceIntervals(model, astray, None, None, 0, why)
     drawn = np.tensordot(weights, counts, axes=1)
     drawn = drawn[(np.diagonal(drawn, axis1=1, axis2=2) > 0).all(axis=1)]
     similarities, biases, _, settled = maps.fit(drawn, CHOICE_TOLERANCE)
@@ -225,9 +227,10 @@ def _choice(matrix: confusions.Confusion, rng: np.random.Generator) -> ChoiceInt
     lost = f"{CHOICE_RESAMPLES - used} of {CHOICE_RESAMPLES} resamples have no fit and are left out"
     statement = lost if used < CHOICE_RESAMPLES else ""
     if not used:
-        return ChoiceIntervals(model, None, None, 0, statement)
+        return ChoiceIntervals(model, astray, None, None, 0, statement)
     limits = [np.moveaxis(np.quantile(part[settled], ends, axis=0), 0, -1) for part in (similarities, biases)]
-    return ChoiceIntervals(model, limits[0], limits[1] if model.biases is not None else None, used, statement)
+    biased = limits[1] if model.biases is not None else None
+    return ChoiceIntervals(model, astray, limits[0], biased, used, statement)
 
 
 def _confusing(matrix: confusions.Confusion) -> NDArray[np.float64]:

@@ -94,10 +94,11 @@ class Reliability:
 
 @dataclass(frozen=True)
 class ComponentReliability:
-    """Variance-component ICC of the mean of k participants, for each sensible k."""
+    """Variance-component ICC of the mean of k participants, and its limits, None without F, for each sensible k."""
 
     components: anovas.VarianceComponents
     by_k: tuple[tuple[int, str, float | None], ...]
+    intervals: tuple[inference.EffectSize | None, ...]
 
 
 @dataclass(frozen=True)
@@ -338,8 +339,9 @@ def _components(data: anovas.Cells, tasks: Sequence[TaskResult]) -> ComponentRel
     wanted = {sum(sizes): f"participants of all tasks together, {everyone}; no cell holds so many"}
     wanted |= {size: f"participants in a task, {size}" for size in sizes}
     wanted[1] = "a single participant"
+    values = tuple((k, meaning, anovas.icc_of_mean(components, k)) for k, meaning in wanted.items())
     return ComponentReliability(
-        components, tuple((k, meaning, anovas.icc_of_mean(components, k)) for k, meaning in wanted.items())
+        components, values, tuple(defined(partial(anovas.icc_limits, data, k))[0] for k in wanted)
     )
 
 

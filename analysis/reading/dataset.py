@@ -7,6 +7,7 @@ their ids, and without an id by trials, answers and times of the same participan
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -103,12 +104,13 @@ def read(root: Path) -> Study:
     with_objects = [task.id for task in protocol.tasks if task.stimulus == "real"] if protocol else []
     exclusions, unasked = exclude(attempts, withdrawn, rules, with_objects=with_objects)
     done = tuple(tasks[task] for task in facts["Tasks"] if task in tasks)
+    names = tuple(task.id for task in done)
     return Study(
         id=str(facts["Study"]), name=str(description.get("Name", facts["Study"])), origin=str(facts["Origin"]),
         label=str(facts["Label"]), materials=materials, tasks=done, participants=tuple(withdrawn),
         first_tasks=first_tasks, session_ids=session_ids, attempts=attempts, exclusions=exclusions, unasked=unasked,
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
-        parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol, sealed),),
+        parts=(Part(root.resolve().name, tuple(withdrawn), names, protocol, sealed, _anchors(root)),),
         designs=asked,
     )  # fmt: skip
 
@@ -138,6 +140,21 @@ def _plan(path: Path) -> tuple[Protocol | None, str]:
 
     protocol = files.load(path)
     return protocol, _sealed(path, protocol)
+
+
+def _anchors(root: Path) -> tuple[str, ...]:
+    """Return the day and the number of each anchor in a dataset's log; `verify` says what is wrong with others."""
+    import rfc8785
+
+    log, found = root / "sourcedata" / "anchors.log", []
+    for line in log.read_bytes().splitlines() if log.exists() else ():
+        try:
+            anchor = json.loads(line)["anchor"]
+            number = hashlib.sha256(rfc8785.dumps(anchor)).hexdigest()
+            found.append(f"{anchor['anchored_utc'][:10]} {'-'.join(number[at : at + 4] for at in range(0, 16, 4))}")
+        except (ValueError, KeyError, TypeError):
+            continue
+    return tuple(found)
 
 
 def _sealed(plan: Path, protocol: Protocol) -> str:

@@ -181,13 +181,17 @@ class TaskDesign:
 
 @dataclass(frozen=True)
 class Part:
-    """One dataset of a study: folder's name, participants, tasks, its protocol, and whether that is `sealed`."""
+    """One dataset of a study: folder's name, participants, tasks, its protocol, whether that is `sealed`, and anchors.
+
+    `anchors` are the days and numbers of those in its log, as they stand in a lab book, oldest first.
+    """
 
     name: str
     participants: tuple[str, ...]
     tasks: tuple[str, ...]
     protocol: Protocol | None
     sealed: str = "no seal stands beside it"
+    anchors: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from palpate.analysis.identification.planned import Line, Planned
     from palpate.analysis.identification.results import MaterialTest, Results, TaskResult
     from palpate.analysis.reading.study import Study
+    from palpate.analysis.statistics.anova import Anova, Effect
+    from palpate.analysis.statistics.participants import Misfit
     from palpate.analysis.statistics.shares import Limits
 
 QUESTIONS = {
@@ -60,13 +62,33 @@ OVER = {
 """What an interval is of, unless of participants who differ in one way."""
 
 TWO_ALONE = "There are two participants, so intervals are wide."
+MISFIT = 0.001
+"""Where P of a model's fit is below, the first screen warns."""
+
 UNDEFINED = "No answer: this test is not defined for what was planned and done."
 
 
 def answers_section(study: Study, results: Results, stands: Standing, limits: tuple[str, ...]) -> Section:
     """Return the questions with their answers, what `limits` them, what rules left out, and how sure this is."""
     asked = tuple(_answers(study, results, stands))
-    return Section("answers", "Questions and answers", (*limits, left_and_sure(study)), asked=asked)
+    said = (*limits, *_misfits(results), left_and_sure(study))
+    return Section("answers", "Questions and answers", said, asked=asked)
+
+
+def _misfits(results: Results) -> Iterator[str]:
+    """Yield of which tasks the similarity-choice model does not fit the answers."""
+    for one in results.identifications:
+        if one.choice and one.choice.misfit and one.choice.misfit.p < MISFIT:
+            tested = misfit_words(one.choice.misfit)
+            yield (
+                f"Warning: the similarity-choice model does not fit {one.task} ({tested}), so its similarities and "
+                "biases do not describe these answers."
+            )
+
+
+def misfit_words(one: Misfit) -> str:
+    """Return the test of a model's fit in print."""
+    return f"F({one.df1}, {one.df2}) = {one.f:.2f}, {p_is(one.p)}"
 
 
 def left_and_sure(study: Study) -> str:
@@ -75,12 +97,19 @@ def left_and_sure(study: Study) -> str:
 
 
 def how_sure(study: Study) -> str:
-    """Return whether the plan was sealed, and how to check the data against their anchors."""
+    """Return whether the plan was sealed, which anchors the data have, and how to check them."""
     known = [part for part in study.parts if part.protocol is not None]
     if not known:
         return "No protocol is in the dataset, so nothing shows what was planned."
     said = dict.fromkeys(f"Protocol: {part.sealed}." for part in known)
-    return f"{' '.join(said)} `palpate verify` checks the data against their anchors."
+    anchors = [anchor for part in study.parts for anchor in part.anchors]
+    if not anchors:
+        return f"{' '.join(said)} No anchor is in the dataset, so nothing shows that its data were not changed."
+    which = f"anchor {anchors[0]}" if len(anchors) == 1 else f"{len(anchors)} anchors, the last {anchors[-1]}"
+    return (
+        f"{' '.join(said)} The dataset has {which}; compare it with your lab book. `palpate verify` checks the data "
+        f"against {'it' if len(anchors) == 1 else 'them'}."
+    )
 
 
 def _answers(study: Study, results: Results, stands: Standing) -> Iterator[Asked]:
@@ -223,8 +252,9 @@ def _published(
         case "two-way ANOVA" if len(results.tasks) > 1:
             return _tasks_differ(results, question, mark, level)
         case "ICC" if results.components and (value := results.components.by_k[0][2]) is not None:
-            k = results.components.by_k[0][0]
-            return Asked(question, f"ICC = {number(value)}, variance components, mean of k = {k}.", mark)
+            k, limits = results.components.by_k[0][0], results.components.intervals[0]
+            said = f"ICC = {number(value)} (95 % CI {interval(limits)}), variance components, mean of k = {k}."
+            return Asked(question, said, mark)
     return Asked(question, UNDEFINED, mark)
 
 
@@ -268,13 +298,17 @@ def _told_apart(results: Results, tasks: tuple[str, ...], stands: Standing, leve
     for pair in results.pairs:
         if pair.task not in tasks or stands.of_pair(pair) == "exploratory" or pair.anova is None:
             continue
-        effect, residual = pair.anova.effects[0], pair.anova.residual
+        effect = pair.anova.effects[0]
         if effect.f is not None and effect.p is not None:
             differ = "differ" if effect.p < level else "are not shown to differ"
-            yield (
-                f"{pair.task}: answers to {joined(pair.pair)} {differ} (F({effect.df}, {residual.df}) = "
-                f"{effect.f:.2f}, {p_is(effect.p)})."
-            )
+            yield f"{pair.task}: answers to {joined(pair.pair)} {differ} ({_effect(pair.anova, effect)})."
+
+
+def _effect(anova: Anova, effect: Effect) -> str:
+    """Return F, P, and partial eta squared with its interval, in print."""
+    size = anova.eta_squared(effect)
+    part = f"; partial η² {number(size.value, 2)}, 90 % CI {interval(size, 2)}" if size else ""
+    return f"F({effect.df}, {anova.residual.df}) = {number(effect.f, 2)}, {p_is(effect.p or 0.0)}{part}"
 
 
 def _tasks_differ(results: Results, question: str, mark: str, level: float) -> Asked:
@@ -294,6 +328,5 @@ def _tasks_differ(results: Results, question: str, mark: str, level: float) -> A
         for task in results.tasks
     ]
     differ = "differ" if effect.p < level else "are not shown to differ"
-    df = f"{effect.df}, {results.two_way[1].residual.df}"
-    said = f"Mean ratios ({joined(means)}) {differ} (two-way ANOVA, F({df}) = {effect.f:.2f}, {p_is(effect.p)})."
+    said = f"Mean ratios ({joined(means)}) {differ} (two-way ANOVA, {_effect(results.two_way[1], effect)})."
     return Asked(question, said, mark, (TWO_WAY_ERRS,))

@@ -30,6 +30,7 @@ from palpate.analysis.identification.identify import CHOICE_RESAMPLES, ChoiceInt
 from palpate.analysis.identification.results import Results
 from palpate.analysis.identification.time_course import WINDOW, TimeCourse
 from palpate.analysis.identification.trial_models import Term, TrialLevel, TrialModel
+from palpate.analysis.report.answers import misfit_words
 from palpate.analysis.report.plan import ABOUT
 from palpate.analysis.statistics.participants import Jackknife
 from palpate.analysis.statistics.shares import Limits
@@ -201,14 +202,10 @@ def _choice(task: str, fitted: ChoiceIntervals, materials: tuple[str, ...]) -> T
         *(Column(f"to {name}", name, show=lambda of: "1" if of is None else _shown(of)) for name in materials),
         Column("bias", show=_shown),
     )
-    tested = f"G² = {model.g2:.2f}, {model.df} df"
+    tested = f"G² = {model.g2:.2f}, {model.df} df{f'; {misfit_words(fitted.misfit)}' if fitted.misfit else ''}"
     bracketed = f" Brackets hold 95 % percentile intervals from {CHOICE_RESAMPLES} resamples of participants."
     resampled = fitted.similarities is not None or fitted.biases is not None
-    no_p = (
-        "It has no P: as chi-squared it takes all trials as independent, and erred in a third of SIMULATED studies in "
-        "which participants differed in what they confused, at a nominal 5 %."
-    )
-    notes = [f"The fit has {tested}. {no_p}{bracketed * resampled} Trials without an answer are left out."]
+    notes = [f"The fit has {tested}.{bracketed * resampled} Trials without an answer are left out."]
     if fitted.statement:
         notes.append(f"{fitted.statement}." if resampled else f"There are no intervals: {fitted.statement}.")
     if model.biases is None:
@@ -276,6 +273,9 @@ def _quantities(one: Identification, materials: tuple[str, ...]) -> list[Record]
             if biases:
                 records.append({"task": one.task, "quantity": "bias", "of": first, **biases[i]})
         add("choice model, G2", fitted.model.g2, of=f"{fitted.model.df} df")
+        if astray := fitted.misfit:
+            add("choice model, F", astray.f, of=f"{astray.df1} and {astray.df2} df")
+            add("choice model, P", astray.p)
     if one.scaling:
         for material, (x, y) in zip(materials, one.scaling.points.tolist(), strict=True):
             add("map, first axis", x, of=material)

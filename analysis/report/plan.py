@@ -30,6 +30,9 @@ DIFFER = TWO_WAY, "sign flips between tasks"
 
 MARKS = ABOUT["marks"].substitute()
 
+BESIDE = "Tests with participants as units"
+"""The part of a report that holds what palpate adds to the published tests."""
+
 WHEN = {
     "frames-lost": "more than {} frames lost",
     "speed-below": "speed below {} mm/s",

@@ -63,7 +63,7 @@ FORMS = (
 )  # fmt: skip
 
 IN_SHORT = Column("matrix", left=True), *map(Column, NAMES)
-COMPONENTS = Column("k"), Column("icc", "ICC"), Column("model", "k is", left=True)
+COMPONENTS = Column("k"), Column("icc", "ICC"), Column(("low", "high"), "95 % CI"), Column("model", "k is", left=True)
 
 
 def icc_section(results: Results) -> Section:
@@ -122,8 +122,15 @@ def _components_table(reliability: ComponentReliability) -> Table:
     if any(value is None for _, _, value in reliability.by_k):
         notes.append("The ICC is not defined, because no component is above zero.")
     records: list[Record] = [
-        {"matrix": "two-way ANOVA", "form": f"variance-component, k = {k}", "model": meaning, "icc": value, "k": k}
-        for k, meaning, value in reliability.by_k
+        {
+            "matrix": "two-way ANOVA",
+            "form": f"variance-component, k = {k}",
+            "model": meaning,
+            "icc": value,
+            "k": k,
+            **ends(limits),
+        }
+        for (k, meaning, value), limits in zip(reliability.by_k, reliability.intervals, strict=True)
     ]
     title = "Two-way ANOVA, task x material: variance-component ICC of the mean of k participants"
     return tabulate(title, COMPONENTS, records, notes, key="components", in_print={"k"})
@@ -151,7 +158,7 @@ def sections(
             plans.marked(tests_section(results), *against),
             anova_section(results, (*remark, *common), stands),
         ),
-        "Ours": (
+        plans.BESIDE: (
             companion_tables.beside_section(results.beside, stands, common),
             plans.marked(companion_tables.contrasts_section(results), stands.ours(plans.TWO_WAY, *tasks)),
             plans.marked(companion_tables.equivalence_section(results), f"{plans.OURS}, {plans.EXPLORATORY}"),

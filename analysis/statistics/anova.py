@@ -13,9 +13,10 @@ from itertools import product
 from typing import Any, Literal
 
 import numpy as np
+from scipy.special import fdtri
 
 from palpate.analysis.statistics import exact
-from palpate.analysis.statistics.inference import EffectSize, partial_eta_squared
+from palpate.analysis.statistics.inference import CONFIDENCE, EffectSize, partial_eta_squared
 
 SumsOfSquares = Literal["I", "II", "III"]
 TYPES: tuple[SumsOfSquares, ...] = ("I", "II", "III")
@@ -291,6 +292,24 @@ def icc_of_mean(components: VarianceComponents, k: int) -> float | None:
     parts = [[components.first], [components.second], [components.interaction], [components.residual]]
     value = float(_share(exact.floats(parts), k)[0])
     return None if math.isnan(value) else value
+
+
+def icc_limits(data: Cells, k: int) -> EffectSize:
+    """Return the limits of the ICC of the mean of `k` participants, by F of all cells as one random factor.
+
+    With S / residual = (F / F' - 1) / n, n a cell's mean size (Searle 1971, Linear Models, section 9.9), it is exact
+    where cells have as many participants. Its value need not be that of the components. Raises `NotDefined` without F.
+    """
+    sizes, within = data.design.weights, data.ratios.ss_within
+    if not within:
+        raise exact.NotDefined("no variance within cells")
+    df1, df2 = len(sizes) - 1, data.design.df
+    f = float(ss_between(data.ratios)[0] / df1 / (within[0] / df2))
+    size = (sum(sizes) - sum(n * n for n in sizes) / sum(sizes)) / df1
+    tail = (1 + CONFIDENCE) / 2
+    ratios = (max(one - 1, 0.0) / size for one in (f, f / fdtri(df1, df2, tail), f * fdtri(df2, df1, tail)))
+    value, low, high = (float(k * ratio / (1 + k * ratio)) for ratio in ratios)
+    return EffectSize(value, low, high, CONFIDENCE)
 
 
 def variance_component_icc(design: Crossed, cells: exact.Ratios, k: int) -> exact.Floats:

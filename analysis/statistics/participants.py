@@ -1,7 +1,8 @@
-"""Tests and intervals in which a participant is the unit: repeated measures, equivalence and the jackknife.
+"""Tests and intervals in which a participant is the unit: repeated measures, misfit, equivalence, the jackknife.
 
 Repeated measures: orthonormal contrasts, with the epsilon of Huynh and Feldt (1976, J. Educ. Stat. 1, 69-82), from that
 of Greenhouse and Geisser (1959, Psychometrika 24, 95-112).
+Misfit: deviance beside the spread of participants (McCullagh and Nelder 1989, section 4.5).
 Equivalence: two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657-680). Jackknife: Tukey (1958,
 Ann. Math. Stat. 29, 614). Order: the periods of a crossover (Hills and Armitage 1979, Br. J. Clin. Pharmacol. 8, 7-20),
 by who had which order drawn (Pitman 1937, Suppl. J. R. Stat. Soc. 4, 119-130).
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.linalg import helmert
 from scipy.special import fdtrc, stdtr, stdtrit
 
-from palpate.analysis.statistics.exact import Floats, NotDefined, Number, integers
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers
 from palpate.analysis.statistics.inference import CONFIDENCE, log_bayes_factor
 from palpate.analysis.statistics.sign_flips import DRAWS
 
@@ -84,6 +85,32 @@ def repeated_tests(projected: Floats) -> tuple[Floats, Floats, Floats, Floats, F
     epsilon = np.where(varied, np.clip(bound, least, 1.0), np.nan)
     df2 = df1 * (people - 1)
     return f, epsilon, fdtrc(epsilon * df1, epsilon * df2, f), fdtrc(df1, df2, f), least
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """How far answers lie from a model: F, its deviance beside the spread of participants, on both df, and P."""
+
+    f: float
+    df1: int
+    df2: int
+    p: float
+
+
+def misfit(counts: Integers, deviance: float, df: int) -> Misfit:
+    """Return the test of a model of pooled counts, from counts of shape (participants, presented, answered).
+
+    The spread is Pearson's chi-squared of participants about the pooled shares of answers, over its df, and at least 1:
+    that of participants who are alike. Raises `NotDefined` below two participants, or where there is no df.
+    """
+    pooled = counts.sum(axis=0)
+    df2 = (len(counts) - 1) * int((pooled > 0).sum() - (pooled.sum(axis=1) > 0).sum())
+    if df < 1 or df2 < 1:
+        raise NotDefined(f"a misfit needs degrees of freedom of model and participants, got {df} and {df2}")
+    expected = counts.sum(axis=2, keepdims=True) * (pooled / np.maximum(pooled.sum(axis=1, keepdims=True), 1))
+    squares = (counts - expected) ** 2 / np.where(expected > 0, expected, 1.0)
+    f = deviance / df / max(float(squares.sum()) / df2, 1.0)
+    return Misfit(f, df, df2, float(fdtrc(df, df2, f)))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ errs where its null hypothesis holds and P is below 0.05; an interval covers whe
 were drawn from. Participants differ not at all, in level alone (as much for every material), or in level and,
 independently, by material, by task and in their wrong answers ("all"). Of all STUDIES those numbers are taken that
 `statistics` finds for many studies at once, and the GEE, which is fast; of FITTED ones those of other models. The
-number stands behind each name. Not a test.
+number stands behind each name. `planned_tests.py` has those that a protocol can plan. Not a test.
 """
 
 from __future__ import annotations
@@ -21,11 +21,10 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.linalg import helmert
 from scipy.special import expit
 
 from palpate.analysis.identification import maps, trial_models
-from palpate.analysis.identification.companion_tests import MARGIN, marginal, run_companions
+from palpate.analysis.identification.companion_tests import marginal
 from palpate.analysis.identification.confusion import Confusion, information, information_limits, most_confused
 from palpate.analysis.identification.trial_models import Design
 from palpate.analysis.reading.study import Study, Task
@@ -33,8 +32,7 @@ from palpate.analysis.statistics import lapses
 from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests
 from palpate.analysis.statistics.exact import NotDefined, of_counts
 from palpate.analysis.statistics.inference import clopper_pearson, t_tests, wilson
-from palpate.analysis.statistics.participants import equivalence_tests, jackknife, repeated_tests
-from palpate.analysis.statistics.sign_flips import sign_flip_tests
+from palpate.analysis.statistics.participants import jackknife, repeated_tests
 
 SIZES = (6, 10, 15, 25)
 MATERIALS, TRIALS, ALPHA = ("a", "b", "c", "d"), 10, 0.05
@@ -117,7 +115,6 @@ def at_once(null: Counts, shown: Counts) -> Iterator[tuple[str, Iterable[float]]
     """Yield P of every study: `null` has all answers equally likely, in `shown` materials and tasks are alike."""
     guessed = np.diagonal(null[0], axis1=2, axis2=3)[..., 0]
     yield "t against chance", t_tests(of_counts(guessed, TRIALS), CHANCE).p
-    yield "sign flips against chance (ours)", sign_flip_tests(guessed, TRIALS, CHANCE)
     answers = of_counts(np.moveaxis(null[0], (2, 3), (0, 1)), TRIALS)
     one, other = most_confused(answers.means)
     places = np.stack([one, other, one, other]), np.stack([one, other, other, one]), np.arange(len(one))
@@ -126,34 +123,12 @@ def at_once(null: Counts, shown: Counts) -> Iterator[tuple[str, Iterable[float]]
     layout, cells = tasks_by_materials([of_counts(np.moveaxis(task, 2, 0), TRIALS) for task in right])
     for name, effect in (("task", "A"), ("material", "B")):
         yield f"two-way ANOVA, {name}", two_way_tests(layout, cells, effect, "II").p
-    one_task, gaps = right[0] / TRIALS, right[0] - right[1]
-    yield "repeated measures, material in one task (ours)", repeated_tests(one_task @ helmert(4).T)[2]
-    yield "repeated measures, material (ours)", repeated_tests((right[0] + right[1]) @ helmert(4).T)[2]
-    yield "repeated measures, task x material (ours)", repeated_tests(gaps @ helmert(4).T)[2]
-    yield "paired t, task (ours)", repeated_tests(gaps.sum(axis=-1)[..., None].astype(float))[2]
-    # A difference of k of 40 is k + 40 of 80 against a half.
-    yield "paired sign flips, task (ours)", sign_flip_tests(gaps.sum(axis=-1) + 40, 80, Fraction(1, 2))
+    gaps = right[0] - right[1]
+    yield "paired t, task", repeated_tests(gaps.sum(axis=-1)[..., None].astype(float))[2]
     tables = shown[0].sum(axis=1)
     _, _, fitted, _ = maps.fit(tables, 1e-6)
     g2 = 2 * (tables * np.log(np.where(tables > 0, tables / fitted, 1.0))).sum(axis=(1, 2))
     yield "similarity-choice, G² as chi-squared (not printed)", stats.chi2.sf(g2, 3)
-
-
-def at_the_margin(
-    spread: Spread, people: int, studies: int, share: float, random: np.random.Generator
-) -> Iterator[tuple[str, Iterable[float]]]:
-    """Yield P of equivalence in studies whose tasks, or pairs of materials, differ by exactly the margin.
-
-    Where all wrong answers are as frequent, a share of right answers of p tells a pair apart by (4 p - 1) / 3.
-    """
-    low, high = (at_share(share + step * MARGIN / 2, spread.whole) for step in (-1, 1))
-    ratios = np.diagonal(draw(spread, people, studies, (low, high), random), axis1=3, axis2=4) / TRIALS
-    gaps = ratios[0] - ratios[1]
-    yield "equivalence of tasks, true difference the margin (ours)", equivalence_tests(gaps.mean(axis=-1), MARGIN)
-    odds = at_share((1 + 3 * MARGIN) / 4, spread.whole)
-    pair = draw(spread, people, studies, odds, random)[0, :, :, :2, :2] / TRIALS
-    apart = (pair[..., 0, 0] - pair[..., 1, 0] + pair[..., 1, 1] - pair[..., 0, 1]) / 2
-    yield "equivalence of a pair, told apart by the margin (ours)", equivalence_tests(apart, MARGIN)
 
 
 def intervals(shown: Counts, share: float) -> Iterator[tuple[str, Iterable[bool]]]:
@@ -184,10 +159,6 @@ def intervals(shown: Counts, share: float) -> Iterator[tuple[str, Iterable[bool]
 
 def one_by_one(shown: Counts) -> Iterator[tuple[str, bool]]:
     """Yield whether tests of models err in one study, shape (2, people, 4, 4)."""
-    logit = run_companions(_study(), _matrices(shown), np.random.default_rng(1)).logit
-    for name in ("task", "material"):
-        hits = [term.p < ALPHA for term in logit.terms if term.name == name] if logit else []
-        yield f"logit by participant, material and task, {name} (ours)", any(hits)
     yield from _contrasts(shown)
     try:
         terms = {term.name: term.p for term in trial_models.mixed(_design(shown)).terms}
@@ -215,7 +186,7 @@ def gee(shown: Counts) -> Iterator[tuple[str, bool]]:
 def _contrasts(shown: Counts) -> Iterator[tuple[str, bool]]:
     """Yield every contrast of a study, each counted as one, and whether Holm's P shows any of a family."""
     try:
-        found = marginal(_study(), _matrices(shown))
+        found = marginal(_study(), matrices(shown))
     except NotDefined:
         return
     for name, of in (("materials within a task", found.materials), ("tasks within a material", found.tasks)):
@@ -224,7 +195,7 @@ def _contrasts(shown: Counts) -> Iterator[tuple[str, bool]]:
         yield f"any contrast of {name}, Holm (ours)", any(one.p_holm < ALPHA for one in family)
 
 
-def _matrices(counts: Counts) -> dict[str, Confusion]:
+def matrices(counts: Counts) -> dict[str, Confusion]:
     labels = tuple(map(str, range(counts.shape[1])))
     none = np.zeros((*counts.shape[1:-1], 1), dtype=np.int64)
     return {
@@ -263,8 +234,6 @@ def measure(studies: int, fitted: int) -> Found:
             null = draw(spread, people, studies, at_share(float(CHANCE), spread.whole), random)
             shown = draw(spread, people, studies, SHOWN, random)
             for name, p in at_once(null, shown):
-                count(name, key, int(np.count_nonzero(np.asarray(p) < ALPHA)), studies)
-            for name, p in at_the_margin(spread, people, studies, share, np.random.default_rng([s, people, 3])):
                 count(name, key, int(np.count_nonzero(np.asarray(p) < ALPHA)), studies)
             for name, held in intervals(shown, share):
                 count(f"coverage: {name}", key, sum(held), studies)

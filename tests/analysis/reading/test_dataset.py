@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.experiment.dataset.register import LOG, Anchor, Kept
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.settings.characters import hidden
@@ -250,3 +251,20 @@ def test_attempts_done_again_may_have_no_answer(tmp_path: Path) -> None:
     rows = [trial(1, "sand", "n/a", counted=False, redo_reason="foot slipped"), trial(1, "sand", "sand", attempt=2)]
     study = read(write_dataset(tmp_path, {"1": {"real": [*rows, *trials([("snow", "snow")])[0:0]]}}))
     assert study.attempts["included"].tolist() == [False, True]
+
+
+def test_the_anchors_of_a_dataset_are_those_of_a_lab_book(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path, {"1": {"virtual": trials([("glass", "sand")])}}, tasks=("virtual",))
+    assert read(root).parts[0].anchors == ()
+    anchor = Anchor(
+        anchored_utc="2026-05-01T10:00:00+00:00",
+        study="lab",
+        purpose="STUDY",
+        protocol_sha256="0" * 64,
+        seal_sha256=None,
+        prefixes=(),
+    )
+    (root / LOG).parent.mkdir(exist_ok=True)
+    (root / LOG).write_text(f"{Kept(anchor=anchor).model_dump_json()}\ntorn\n", "utf-8")
+    day, *_, number = anchor.line.split()
+    assert read(root).parts[0].anchors == (f"{day} {number}",)

@@ -17,7 +17,7 @@ from palpate.analysis.published import load
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report.answers import UNDEFINED
-from palpate.analysis.report.plan import alpha, exclusions_section, marked, standing
+from palpate.analysis.report.plan import BESIDE, alpha, exclusions_section, marked, standing
 from palpate.analysis.report.sections import overview_section, sections
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.approval import sealing
@@ -102,7 +102,14 @@ def test_what_is_planned_is_marked_and_a_new_study_is_no_published_one(root: Pat
     assert marks["icc"] == {"planned", "exploratory"}
     assert marks["beside"] == {"ours"}
     assert marks["trials"] <= {"exploratory"}
-    assert {section.part for section in found} == {"", "Planned results", "Ours", "Exploratory", "Left out", ON_METHODS}
+    assert {section.part for section in found} == {
+        "",
+        "Planned results",
+        BESIDE,
+        "Exploratory",
+        "Left out",
+        ON_METHODS,
+    }
 
 
 def test_every_planned_question_is_on_the_first_screen(root: Path) -> None:

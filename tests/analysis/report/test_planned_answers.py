@@ -10,16 +10,19 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.designs.identification import DESIGN
 from palpate.analysis.documents.tables import text
+from palpate.analysis.identification.identify import ChoiceIntervals
+from palpate.analysis.identification.maps import similarity_choice
 from palpate.analysis.identification.planned import TESTS
 from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Part
 from palpate.analysis.report.answers import WORDS, answers_section, planned_sections
 from palpate.analysis.report.plan import PLANNED, done_of, standing
+from palpate.analysis.statistics.participants import Misfit
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import PlannedTest
-from tests.analysis.datasets import trials, write_dataset
+from tests.analysis.datasets import MATERIALS, trials, write_dataset
 
 BOTH = ("virtual", "real")
 PLANS: tuple[dict[str, object], ...] = (
@@ -45,8 +48,16 @@ def test_each_planned_question_has_one_answer(tmp_path: Path, approved: Snapshot
     plans = tuple(PlannedTest.model_validate({"tasks": BOTH, "question": "And this?", **plan}) for plan in PLANS)
     own = files.load(shipped("okamoto2012.toml")).model_copy(update={"analysis": plans})
     first = {str(k): BOTH[k % 2] for k in range(8)}
-    study = replace(study, parts=(Part("p", study.participants, BOTH, own),), first_tasks=first)
+    study = replace(
+        study,
+        parts=(Part("p", study.participants, BOTH, own, anchors=("2026-05-01 0a-1", "2026-05-02 0b-2")),),
+        first_tasks=first,
+    )
     results = compute(study, {})
+    table = np.full((3, 3), 4)
+    badly = ChoiceIntervals(similarity_choice(table, MATERIALS), Misfit(20.0, 1, 40, 6e-5), None, None, 0, "")
+    first_task, *others = results.identifications
+    results = replace(results, identifications=(replace(first_task, choice=badly), *others))
     section = answers_section(study, results, standing(study, None), ())
     assert [one.standing for one in section.asked] == [PLANNED] * len(PLANS)
     assert text(section, 80) == approved

@@ -13,6 +13,7 @@ from palpate.analysis.statistics.participants import (
     equivalence,
     equivalence_tests,
     jackknife,
+    misfit,
     repeated,
     repeated_tests,
 )
@@ -123,3 +124,17 @@ def test_a_jackknife_without_variance_is_not_defined() -> None:
         jackknife(0.3, np.array([0.3]))
     with pytest.raises(NotDefined, match="no variance"):
         jackknife(0.3, np.full(4, 0.3))
+
+
+def test_a_misfit_is_the_deviance_beside_the_spread_of_participants() -> None:
+    """Two participants, two presented: chi-squared about the pooled shares by scipy, in each row of answers."""
+    counts = np.array([[[8, 2, 0], [1, 9, 0]], [[2, 8, 0], [3, 5, 2]]])
+    spread = sum(stats.chi2_contingency(counts[:, row, : 2 + row], correction=False).statistic for row in (0, 1))
+    found = misfit(counts, 12.0, 2)
+    assert (found.df1, found.df2) == (2, 3)
+    assert found.f == pytest.approx(12 / 2 / (spread / 3))
+    assert found.p == pytest.approx(stats.f.sf(found.f, 2, 3))
+    assert misfit(np.array([counts[0]] * 2), 12.0, 2).f == 6.0
+    for few, df in ((counts[:1], 2), (counts, 0)):
+        with pytest.raises(NotDefined):
+            misfit(few, 1.0, df)

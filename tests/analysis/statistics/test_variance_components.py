@@ -10,7 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from palpate.analysis.statistics.anova import VarianceComponents, cells, icc_of_mean, two_way, variance_components
+from palpate.analysis.statistics.anova import (
+    VarianceComponents,
+    cells,
+    icc_limits,
+    icc_of_mean,
+    two_way,
+    variance_components,
+)
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.icc import icc
 
 Matrix = NDArray[np.float64]
 
@@ -75,3 +84,13 @@ def test_the_icc_of_a_mean_rises_with_its_size_to_one() -> None:
 
 def test_no_variance_at_all_has_no_icc() -> None:
     assert icc_of_mean(VarianceComponents(("a", "b", "a x b"), 0.0, 0.0, 0.0, 0.0), 5) is None
+
+
+def test_limits_of_equal_cells_are_those_of_the_one_way_icc_of_shrout_and_fleiss() -> None:
+    rows = [[0.1, 0.4, 0.3], [0.9, 0.8, 0.6], [0.2, 0.5, 0.5], [0.7, 0.9, 1.0]]
+    first, second = ["a"] * 6 + ["b"] * 6, (["c"] * 3 + ["d"] * 3) * 2
+    found = icc_limits(cells([value for row in rows for value in row], first, second, names=("a", "b")), 3)
+    known = icc(rows).form("ICC(1,k)")
+    assert (found.value, found.low, found.high) == pytest.approx((known.value, max(known.low or 0, 0), known.high))
+    with pytest.raises(NotDefined):
+        icc_limits(cells([0.5] * 8, ["a"] * 4 + ["b"] * 4, ["c", "c", "d", "d"] * 2, names=("a", "b")), 2)
