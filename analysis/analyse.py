@@ -19,6 +19,7 @@ from palpate.analysis.documents.output import DERIVATIVES, MANIFEST, check, publ
 from palpate.analysis.documents.tables import WIDTH, Section, text
 from palpate.analysis.reading.dataset import read_pooled
 from palpate.analysis.reading.study import Study, nothing_left
+from palpate.analysis.report import prose
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import software
 
@@ -60,6 +61,10 @@ class Analysis:
         parts.sort(key=lambda section: section.slug not in FIRST_IN_TERMINAL)
         last = f"Report: {self.report}\nNext: {self.next_command}"
         return "\n\n".join([*band, *(text(part, width, full=full) for part in (*parts, answers)), last])
+
+    def write_up(self, width: int) -> str:
+        """Return the methods and results paragraphs of a paper, each number with its row in a table."""
+        return prose.write_up(self.study, self.sections, width)
 
     def _in_terminal(self, section: Section) -> Section:
         # The numbers of a study that nobody expects to match the paper's stay in the report.

@@ -43,6 +43,9 @@ def analyse(
         ),
     ] = None,
     full: Annotated[bool, typer.Option("--full", help="Print every section, not the answers alone.")] = False,
+    prose: Annotated[
+        bool, typer.Option("--text", help="Print methods and results paragraphs for a paper, each number with its row.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Make the tables and the report of a dataset.
@@ -54,8 +57,9 @@ def analyse(
     """
     _believe(*datasets)
     found = analysed(
-        datasets, out, as_json=as_json, figures=figures, titles=titles, full=full, dissimilarities=dissimilarities
-    )
+        datasets, out, as_json=as_json, figures=figures, titles=titles, full=full, dissimilarities=dissimilarities,
+        prose=prose,
+    )  # fmt: skip
     options.put(found)
 
 
@@ -502,6 +506,7 @@ def analysed(
     titles: bool = False,
     full: bool = False,
     dissimilarities: Path | None = None,
+    prose: bool = False,
 ) -> object:
     """Analyse datasets, and return what was found, in the width of the terminal or as a document for JSON."""
     from palpate.analysis import analyse as analyses
@@ -510,7 +515,10 @@ def analysed(
     drawn = {"figures": figures, "pictures": pictures, "titles": titles}
     with options.working("Reading the dataset") as say:
         result = analyses.analyse(datasets, out, **drawn, dissimilarities=dissimilarities, say=say)
-    return result.as_dict() if as_json else result.text(options.columns(WIDTH), full=full)
+    if as_json:
+        return result.as_dict()
+    width = options.columns(WIDTH)
+    return result.write_up(width) if prose else result.text(width, full=full)
 
 
 def _believe(*datasets: Path) -> None:

@@ -18,6 +18,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.analysis.analyse import Analysis, analyse
 from palpate.experiment.dataset.bids import LABELS
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.records import software
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
 from tests.approved import Refuses
 
@@ -85,6 +86,25 @@ def test_every_icc_says_which_matrix_it_is_of(okamoto: Analysis) -> None:
     assert found == [(16, 15), (4, 15), (16, 10), (4, 10), (8, 10)]
     assert "arbitrary in a reconstruction" in okamoto.results.reliabilities[-1].matrix
     assert all(f"x {r.icc.raters} participants" in r.matrix for r in okamoto.results.reliabilities if r.icc)
+
+
+def test_each_number_of_the_paragraphs_of_a_paper_has_its_row(okamoto: Analysis, approved: SnapshotAssertion) -> None:
+    said = okamoto.write_up(100).replace(software.this().version, "N")
+    assert said == approved
+    cited = re.findall(r"\{(\w+\.csv) (\d+)\}", " ".join(said.split()))
+    lines = {
+        name: (okamoto.out / "tables" / name).read_text("utf-8").splitlines() for name in {name for name, _ in cited}
+    }
+    first, second = (lines[name][int(line) - 1].split(",") for name, line in cited[:2])
+    assert first[-6:-4] == ["15", "600"]
+    assert second[-6:-4] == ["10", "400"]
+    found = [lines[name][int(line) - 1] for name, line in cited if name == "found.csv"]
+    assert [line.split(",")[4] for line in found[:4]] == [
+        "copy paper",
+        "aluminum foil",
+        "polypropylene",
+        "typing paper",
+    ]
 
 
 def test_the_terminal_ends_with_matrices_tests_and_the_report(okamoto: Analysis) -> None:

@@ -18,10 +18,13 @@ from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Part
 from palpate.analysis.report.answers import WORDS, answers_section, planned_sections
 from palpate.analysis.report.plan import PLANNED, done_of, standing
+from palpate.analysis.report.prose import write_up
+from palpate.analysis.report.sections import sections
 from palpate.analysis.statistics.participants import Misfit
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import PlannedTest
+from palpate.experiment.records import software
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
 
 BOTH = ("virtual", "real")
@@ -63,6 +66,8 @@ def test_each_planned_question_has_one_answer(tmp_path: Path, approved: Snapshot
     assert text(section, 80) == approved
     assert text(planned_sections(results)[0], 150) == approved
     assert [done_of(results, plan) for plan in plans] == approved
+    said = write_up(study, sections(study, results, None, None), 100)
+    assert said.replace(software.this().version, "N") == approved
     assert [one["plan"]["test"] for one in DESIGN.numbers(results)["planned"]] == [plan["test"] for plan in PLANS]
 
 

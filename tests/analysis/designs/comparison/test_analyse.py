@@ -17,6 +17,7 @@ from palpate.analysis.export import DICTIONARY, files
 from palpate.analysis.identification.confusion import confusion_of
 from palpate.analysis.reading.dataset import read, read_pooled
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.records import software
 from tests.analysis.datasets import compared, trials, write_dataset
 from tests.approved import Refuses, anywhere
 
@@ -79,6 +80,7 @@ def test_answers_stand_first_and_at_the_end_of_the_terminal(analysed: Analysis, 
     assert [row[1] for row in first.tables[0].rows] == ["cork above felt", "tin above cork"]
     assert said == approved
     assert right == [6, 3]
+    assert analysed.write_up(100).replace(software.this().version, "N") == approved
     text = analysed.text(80, full=True)
     assert text.index("Questions and answers") > text.index("Scales of")
     report = analysed.report.read_text("utf-8")
