@@ -114,13 +114,20 @@ def width_inches(axes: Axes) -> float:
 
 
 def name_below(axes: Axes, places: Sequence[float], names: Sequence[str], room_inches: float) -> None:
-    """Write a name below each place of the axes: broken between words if every word fits its room, else slanted."""
+    """Write a name below each place of the axes, broken between words.
+
+    Where a word does not fit its room, each other name is one level lower, or two of three are; else they are upright.
+    """
     letters = int(room_inches / LETTER_INCHES)
     shown = told_apart(names, 26)
-    if any(len(word) > letters for name in shown for word in name.split()):
-        axes.set_xticks(places, shown, rotation=40, ha="right", rotation_mode="anchor")
-    else:
-        axes.set_xticks(places, [textwrap.fill(name, letters) for name in shown])
+    longest = max((len(word) for name in shown for word in name.split()), default=0)
+    levels = next((count for count in (1, 2, 3) if longest <= count * letters), 0)
+    if not levels:
+        axes.set_xticks(places, shown, rotation=90)
+        return
+    broken = [textwrap.fill(name, levels * letters) for name in shown]
+    lines = [max((name.count("\n") + 1 for name in broken[level::levels]), default=0) for level in range(levels)]
+    axes.set_xticks(places, ["\n" * sum(lines[: place % levels]) + name for place, name in enumerate(broken)])
 
 
 def told_apart(names: Sequence[str], letters: int) -> list[str]:

@@ -67,7 +67,9 @@ def choices(axes: Axes, task: TaskComparisons, materials: tuple[str, ...]) -> No
     axes.pcolormesh(shares, cmap=drawing.SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
     axes.invert_yaxis()
     names = [textwrap.fill(drawing.short(material, 26), 14) for material in materials]
-    axes.set_xticks(np.arange(count) + 0.5, names, rotation=40, ha="right", rotation_mode="anchor")
+    drawing.name_below(
+        axes, [place + 0.5 for place in range(count)], materials, (drawing.width_inches(axes) - 0.9) / count
+    )
     axes.set_yticks(np.arange(count) + 0.5, names)
     axes.tick_params(length=0)
     axes.set_title(f"{drawing.short(task.task.title, 40)} (n = {len(task.participants)})")
