@@ -5,7 +5,7 @@ steps and order are tested by Student's t on n - 1 df, as in `comparison.results
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -19,7 +19,7 @@ from palpate.analysis.power.planned_tests import ABOUT, Answer, Answers, Design,
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading import dataset
 from palpate.analysis.statistics.exact import Floats, Integers
-from palpate.analysis.statistics.scaling import FIRST, SECOND
+from palpate.analysis.statistics.scaling import FIRST, SECOND, no_smaller
 from palpate.experiment.errors import PowerError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
@@ -224,6 +224,21 @@ def scale(wins: Floats | Integers, trials: Floats) -> Scales:
 
     `trials` are those of an ordered pair, shape (M, M), or of each participant, shape (participants, M, M).
     """
+    return _scales(wins, trials, reduced=False)
+
+
+def finite(wins: Integers, trials: Floats) -> Scales:
+    """Return the scales, as `scale` does, in which one without limit is bias-reduced, as by `scaling.fit`."""
+    found = _scales(wins, trials, reduced=False)
+    lost = np.isnan(found.order)
+    if lost.any():
+        reduced = _scales(wins[lost], trials, reduced=True)
+        for field in fields(Scales):
+            getattr(found, field.name)[lost] = getattr(reduced, field.name)
+    return found
+
+
+def _scales(wins: Floats | Integers, trials: Floats, *, reduced: bool) -> Scales:
     studies, people, items = wins.shape[:3]
     done = np.broadcast_to(trials, (people, items, items)).reshape(people, -1)
     chosen = wins.reshape(studies, people, -1)
@@ -238,7 +253,12 @@ def scale(wins: Floats | Integers, trials: Floats) -> Scales:
     for _ in range(STEPS):
         share = expit(beta @ design.T)
         information = np.einsum("ck,sc,cl->skl", design, total * share * (1 - share), design, optimize=True) + ridge
-        slope = ((hits - total * share) @ design)[..., None]
+        gaps = hits - total * share
+        if reduced:
+            inverse = np.linalg.inv(information)
+            leverage = total * share * (1 - share) * np.einsum("ck,skl,cl->sc", design, inverse, design, optimize=True)
+            gaps = gaps + leverage * (0.5 - share)
+        slope = (gaps @ design)[..., None]
         step = np.linalg.solve(information + 1e-12 * np.eye(items), slope)[..., 0]
         step = np.clip(np.where(np.abs(beta).max(axis=1, keepdims=True) > FAR, 0.0, step), -1.0, 1.0)
         beta += step
@@ -248,11 +268,15 @@ def scale(wins: Floats | Integers, trials: Floats) -> Scales:
     scores = (chosen - done * share[:, None]) @ design
     inverse = np.linalg.inv(information + 1e-12 * np.eye(items))
     meat = np.swapaxes(scores, 1, 2) @ scores * people / max(people - 1, 1)
+    if reduced:
+        spread = np.stack([no_smaller(*pair) for pair in zip(meat, information, strict=True)])
+    else:
+        spread = inverse @ meat @ inverse
     back = np.zeros((items + 1, items))
     back[: items - 1, : items - 1], back[items - 1, : items - 1], back[items, items - 1] = np.eye(items - 1), -1.0, 1.0
     wrong = (np.abs(beta).max(axis=1) > FAR)[:, None]
     every = np.where(wrong, np.nan, beta @ back.T)
-    covariance = np.where(wrong[..., None], np.nan, back @ inverse @ meat @ inverse @ back.T)
+    covariance = np.where(wrong[..., None], np.nan, back @ spread @ back.T)
     return Scales(every[:, :-1], every[:, -1], covariance, back @ inverse @ back.T)
 
 
@@ -280,7 +304,7 @@ def answers(
         if task.id not in models:
             continue
         trials = planned_trials(len(planned.materials), task.repetitions)
-        fitted = scale(draw(models[task.id], trials, people, studies, random), trials.astype(np.float64))
+        fitted = finite(draw(models[task.id], trials, people, studies, random), trials.astype(np.float64))
         for number, test in enumerate(planned.tests):
             if test.test == PLANNED and task.id in test.tasks:
                 for subject, p in _tested(fitted, planned.materials, people):

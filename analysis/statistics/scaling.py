@@ -97,7 +97,7 @@ def fit(data: Comparisons, law: Law) -> Scale:
     back = np.insert(np.eye(len(beta)), last, np.where(np.arange(len(beta)) < last, -1.0, 0.0), axis=0)
     inverse = np.linalg.inv(information)
     meat = _meat(scores, data.person)
-    spread = _no_smaller(meat, information) if reduced and np.isfinite(meat).all() else inverse @ meat @ inverse
+    spread = no_smaller(meat, information) if reduced and np.isfinite(meat).all() else inverse @ meat @ inverse
     deviance, cells = _deviance(data, observed, fitted)
     return Scale(
         law=law,
@@ -203,7 +203,7 @@ def _davidson(design: Floats, chosen: Integers, *, reduced: bool) -> tuple[Float
 NOT_REACHED = "the likelihood has no greatest value within reach"
 
 
-def _no_smaller(meat: Floats, information: Floats) -> Floats:
+def no_smaller(meat: Floats, information: Floats) -> Floats:
     """Return the sandwich, raised to the inverse of the information in each direction in which it is less."""
     ratios, directions = eigh(meat, information)
     return np.asarray(directions * np.maximum(ratios, 1.0) @ directions.T)

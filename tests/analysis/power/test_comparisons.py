@@ -12,7 +12,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis import published
 from palpate.analysis.power import planned_tests, report, simulate
-from palpate.analysis.power.comparisons import Observers, PairModel, answers, draw, planned_trials, scale
+from palpate.analysis.power.comparisons import Observers, PairModel, answers, draw, finite, planned_trials, scale
 from palpate.analysis.power.simulate import find
 from palpate.analysis.statistics.exact import Integers
 from palpate.analysis.statistics.scaling import FIRST, SECOND, Comparisons, fit
@@ -86,16 +86,31 @@ def test_participants_who_differ_do_not_raise_the_type_i_error() -> None:
             assert 0.025 < np.mean(answer.p < 0.05) < 0.075
 
 
-def test_an_order_that_is_always_told_has_no_scale_and_is_counted(approved: SnapshotAssertion) -> None:
+def test_a_scale_without_limit_is_the_bias_reduced_one_of_a_study() -> None:
+    """Three items, of which the last always wins, or the last but one too; other studies stay as they are."""
+    trials = planned_trials(3, 4)
+    wins = draw(model((-30.0, 0.0, 0.3)).tasks[0], trials, 5, 4, RANDOM())
+    wins[0] = draw(model((-0.3, 0.0, 0.3)).tasks[0], trials, 5, 1, RANDOM())[0]
+    found, plain = finite(wins, trials.astype(float)), scale(wins, trials.astype(float))
+    assert np.isnan(plain.order).tolist() == [False, True, True, True]
+    for study in range(4):
+        own = fit(one_by_one(wins[study], trials), "bradley-terry")
+        assert own.reduced == bool(study)
+        assert found.values[study] == pytest.approx(own.values, abs=1e-8)
+        assert found.covariance[study] == pytest.approx(own.covariance, abs=1e-8)
+
+
+def test_an_order_that_is_always_told_is_found(approved: SnapshotAssertion) -> None:
     study = wellman()
     far = model((-40.0, -20.0, 0.0, 20.0, 40.0), spread=0.0, order=0.0)
     result = simulate.run(
         study, planned_tests.design(study, {}), far, participants=(7,), studies=20, seed=1, target=0.8,
         runner=partial(simulate.on_cores, jobs=1),
     )  # fmt: skip
-    assert {row.tally.undefined for row in result.rows if row.kind == "model"} == {20}
+    assert {row.tally.undefined for row in result.rows if row.kind == "model"} == {0}
+    steps = {row.tally.significant for row in result.rows if row.kind == "model" and " to " in row.question.subject}
+    assert steps == {20}
     shown = report.text(result)
-    assert "no finite scale" in shown
     assert "SIMULATED" in shown
     assert "Model of comparisons" in shown
     assert [line for one in report.sections(result) for line in one.paragraphs] == approved
