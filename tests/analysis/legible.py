@@ -64,6 +64,10 @@ def _corners(text: Text, renderer: RendererBase) -> np.ndarray:
     turn = text.get_rotation()
     box = text.get_window_extent(renderer)
     if turn % 90 == 0:
+        # Empty lines above move a name to a lower level and cover nothing.
+        lines = text.get_text().split("\n")
+        empty = next(place for place, line in enumerate(lines) if line.strip())
+        box.y1 -= (box.y1 - box.y0) * empty / len(lines)
         return np.array([[box.x0, box.y0], [box.x1, box.y0], [box.x1, box.y1], [box.x0, box.y1]])
     text.set_rotation(0)
     flat = text.get_window_extent(renderer)
