@@ -209,10 +209,6 @@ def _equivalent(title: str, tasks: str, what: str, of: Iterable[Equivalent], not
     return tabulate(title, columns, records, [note])
 
 
-EQUIVALENT = "0 to 6 %"
-"""How often the equivalence tests erred in `tests.benchmarks.inference`."""
-
-
 def _about(found: Marginal) -> tuple[str, ...]:
     left_out = " and ".join(f"{material} in {task}" for task, material in found.left_out)
     return (
@@ -273,11 +269,8 @@ def _lapse(task: str, quantity: str, of: str, value: float, limits: Jackknife | 
     return {"task": task, "quantity": quantity, "of": of, "value": value, **ends(limits)}
 
 
-LAPSES = "91 to 97 %"
-"""How often the jackknife of lapses covered in `tests.benchmarks.inference`."""
-
-MATERIALS, TASKS = "2 to 6 %", "0 to 5 %"
-"""How often the contrasts erred in `tests.benchmarks.inference`."""
+LAPSES, MATERIALS, TASKS, EQUIVALENT = "91 to 97 %", "2 to 6 %", "0 to 5 %", "0 to 6 %"
+"""How often the jackknife of lapses covered, and contrasts and equivalence tests erred, in `tests.benchmarks`."""
 
 
 def _contrasts(name: str, within: str, of: Iterable[Contrast], note: str) -> Table:
