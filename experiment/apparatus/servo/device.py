@@ -18,6 +18,7 @@ loopback interface or a line of its own.
 import select
 import socket
 import struct
+import time
 from collections import deque
 from contextlib import suppress
 from zlib import crc32
@@ -88,11 +89,15 @@ class ForceDevice:
     def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> Pair:
         """Push with a force, N, out of the block and along its face, up to the limit; light the lamp if `fast`.
 
-        `now_ns` is the machine's monotonic clock. Returns the force within the limit. Raises `ServoError` if the device
-        takes nothing more.
+        `now_ns` is the machine's monotonic clock when the force was asked for: one that is older than the device would
+        hold it is none, as after a stop of this process. Returns the force that was sent, within the limit. Raises
+        `ServoError` if the device takes nothing more.
         """
         sent_n = bounded(force_n, self._limit_n)
         message = encode(self._sequence, sent_n, fast=fast)
+        if time.monotonic_ns() - now_ns >= DROPS_AFTER_S * 1e9:
+            sent_n = NO_FORCE
+            message = encode(self._sequence, sent_n, fast=fast)
         try:
             sent = self._line.send(message)
         except OSError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import struct
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import nan
@@ -44,12 +45,21 @@ def test_a_damaged_message_is_none() -> None:
 def test_what_is_pushed_is_bounded_and_nothing_at_the_end() -> None:
     with connected() as (ours, theirs):
         for force in ((30.0, 40.0), (nan, 1.0)):
-            ours.push(force, fast=False, now_ns=0)
+            ours.push(force, fast=False, now_ns=time.monotonic_ns())
         sent = [decode(received(theirs)), decode(received(theirs))]
         ours.close()
         sent.append(decode(received(theirs)))
     assert [one[0] for one in sent if one] == [0, 1, 2]
     assert [one[1] for one in sent if one] == [pytest.approx((1.2, 1.6)), (0.0, 0.0), (0.0, 0.0)]
+
+
+def test_a_force_that_waited_for_longer_than_the_device_holds_one_is_none() -> None:
+    """Its process was stopped between the law and the line: the hand may be anywhere by now."""
+    with connected() as (ours, theirs):
+        assert ours.push((1.0, 0.5), fast=True, now_ns=time.monotonic_ns() - 2_000_000) == (0.0, 0.0)
+        assert ours.push((1.0, 0.5), fast=True, now_ns=time.monotonic_ns()) == (1.0, 0.5)
+        sent = [decode(received(theirs)), decode(received(theirs))]
+    assert sent == [(0, (0.0, 0.0), True), (1, (1.0, 0.5), True)]
 
 
 def test_an_answer_that_is_awaited_is_late_from_when_its_message_was_sent() -> None:

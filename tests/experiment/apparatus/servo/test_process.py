@@ -97,11 +97,12 @@ class World:
     def discard(self) -> None:
         pass
 
-    def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> None:
+    def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> Pair:
         self.pushed.append((now_ns, force_n))
         if self.stalls and now_ns >= FAILS_NS:
             self.stalls = False
             self.now_ns += SILENT_NS + PERIOD_NS
+        return force_n
 
     def late_ns(self, now_ns: int) -> int:
         return 0
