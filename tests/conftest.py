@@ -34,12 +34,15 @@ REQUIRE_ALL = os.environ.get("PALPATE_REQUIRE") == "all"
 
 LONGEST = (
     "tests/faults/test_campaign.py",
+    "tests/test_wings.py",
+    "tests/test_house.py",
+    "tests/portable/test_windows.py",
     "tests/rig/test_rehearsal.py",
     "tests/faults/test_pool.py",
     "tests/rig/test_practice.py",
     "tests/rig/test_rehearsal_refusals.py",
+    "tests/portable/test_macos.py",
     "tests/rig/test_console.py",
-    "tests/test_house.py",
     "tests/rig/test_desk.py",
     "tests/analysis/power/test_power.py",
     "tests/analysis/documents/test_figures.py",
@@ -47,6 +50,10 @@ LONGEST = (
     "tests/experiment/synthesis/test_bounds.py",
     "tests/rig/test_firmware.py",
     "tests/rig/test_tapping.py",
+    "tests/rig/test_run_refusals.py",
+    "tests/rig/test_levels.py",
+    "tests/test_package.py",
+    "tests/test_library.py",
 )
 """Modules that take a quarter of a minute or more, longest first: one that began last would run alone at the end."""
 
