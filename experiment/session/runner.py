@@ -350,10 +350,11 @@ class _Session:
             return over
         if self._attempts.undelivered >= MOST_UNDELIVERED:
             what = f"the stimulus was not delivered in {self._attempts.undelivered} attempts in a row"
-            return Finding(what, remedy=Remedy("run {}, then resume", DOCTOR)).sentence()
-        if begun[trial] == MOST_ATTEMPTS:
-            return f"trial {trial} was begun {MOST_ATTEMPTS} times; see to the rig, then go on"
-        return ""
+        elif begun[trial] == MOST_ATTEMPTS:
+            what = f"trial {trial} was begun {MOST_ATTEMPTS} times"
+        else:
+            return ""
+        return Finding(what, remedy=Remedy("run {}, then resume", DOCTOR)).sentence()
 
     def _wait_for_device(self) -> str:
         """Wait for the device that fell silent; return why the session pauses instead, or nothing."""

@@ -350,7 +350,7 @@ class Footsteps(Kind):
             f"tracker at {port}",
             f"its clock and the session's part by {ahead_us / 1e6:.1f} s; the device restarted, or does not "
             "count microseconds",
-            "see to it, then resume the session",
+            "keep it powered, and have its frames count microseconds; then resume the session",
         )
         # The step was now, whatever its device says.
         return ClockMap(at_us, now_ns), error

@@ -396,7 +396,7 @@ class _Step:
         feed.begin_anew()
         return (
             f"the tracker's clock {'ran ahead of' if ahead_ms > 0 else 'fell behind'} the session's by "
-            f"{abs(ahead_ms):.0f} ms more than any clock drifts; see to the device's clock"
+            f"{abs(ahead_ms):.0f} ms more than any clock drifts; have its builder check what the device counts"
         )
 
     def withdraw(self) -> bool:
