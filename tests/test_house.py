@@ -114,6 +114,20 @@ print(sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)
     assert (done.returncode, done.stderr.strip()) == (0, "[]"), done.stdout
 
 
+def test_an_impact_without_a_plot_imports_nothing_that_draws(repository_root: Path) -> None:
+    code = """
+import sys
+from palpate.experiment.cli.app import app
+try:
+    app("tap contact --stiffness 2500 --damping 10 --mass 0.1 --speed 0.2".split())
+except SystemExit as end:
+    assert not end.code, end.code
+print(sorted({"matplotlib", "pandas", "scipy"} & set(sys.modules)), file=sys.stderr)
+"""
+    done = run("-c", code, cwd=repository_root)
+    assert (done.returncode, done.stderr.strip()) == (0, "[]"), done.stdout
+
+
 def test_the_house_is_no_larger_than_its_plan() -> None:
     above = [figure.line for figure in figures() if figure.found > figure.most]
     assert not above, "\n".join(above)

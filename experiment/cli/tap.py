@@ -97,17 +97,21 @@ def contact(
     none; whether the method is stable at this rate, and sees the contact at all; and the condition number, by which
     errors of the input grow.
     """
-    from palpate.analysis.numerics import figures
     from palpate.experiment.synthesis.stepping import impact
 
     if law not in ("clamped", "printed"):
         raise PalpateError("--law", f"got {law!r}", "choose one of them", allowed="clamped, printed")
-    drawn = figures.KINDS
-    if plot is not None and plot.suffix.lower() not in drawn:
-        raise PalpateError(f"--plot {plot}", f"got the suffix '{plot.suffix}'", "give one", allowed=", ".join(drawn))
     of = impact.Collision(stiffness, damping, mass, speed, force, "printed" if law == "printed" else "clamped")
     made = impact.answer(of, method=method, rate_hz=rate)
     if plot is not None:
-        options.put_file(plot, drawn[plot.suffix.lower()](figures.course(of, rate_hz=rate)))
+        # What draws takes a second to import.
+        from palpate.analysis.numerics import figures
+
+        drawn, suffix = figures.KINDS, plot.suffix.lower()
+        if suffix not in drawn:
+            raise PalpateError(
+                f"--plot {plot}", f"got the suffix '{plot.suffix}'", "give one", allowed=", ".join(drawn)
+            )
+        options.put_file(plot, drawn[suffix](figures.course(of, rate_hz=rate)))
     plotted = f"\nPlot: {plot}" if plot else ""
     options.put({**made.as_dict(), "plot": str(plot) if plot else None} if as_json else made.text() + plotted)

@@ -37,6 +37,9 @@ NEARLY_CRITICAL = 1e-3
 LONG_STEP = 0.1
 """A step, as a part of the contact, beyond which a method other than the exact one is said to see little. Ours."""
 
+GAUSS_48 = np.polynomial.legendre.leggauss(48)
+"""Nodes and weights of Gauss's 48 points on [-1, 1]."""
+
 QUANTITIES = ("release_s", "rebound_m_s", "penetration_m", "peak_s", "dissipated_j", "left_in_spring_j")
 
 
@@ -260,7 +263,7 @@ def dissipated_j(of: Collision, until_s: float) -> float:
         return 0.0
     rate = axis.fast_per_s or axis.decay_per_s
     if rate * until_s < 10 and axis.root_per_s * until_s < 10:
-        nodes, weights = np.polynomial.legendre.leggauss(48)
+        nodes, weights = GAUSS_48
         times = (until_s * (nodes + 1) / 2).tolist()
         squares = [moved(axis, carry(axis, t), 0.0, v)[1] ** 2 for t in times]
         return float(of.damping_n_s_m * until_s / 2 * np.dot(weights, squares))
