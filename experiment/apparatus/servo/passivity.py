@@ -5,13 +5,18 @@ frequency w up to pi / T, with the response H(z) from place to force,
 
     b > T / 2 / (1 - cos w T) Re{(1 - exp(-j w T)) H(exp(j w T)) exp(-j w d)}
 
-H is that of spring and damper on what the observer believes, with the force that is sent fed back to it. Where nothing
-is known of the device's mass, speed is the difference of two samples, and the bound is b > K T / 2 + C.
+H is that of spring and damper on what the observer believes, with the force that is sent fed back to it. A force that
+is held for several samples answers to H at all frequencies that these tell apart, w_q = w + 2 pi q / T:
+
+    b > (sqrt(|g|^2 |h|^2 - Im(sum g h)^2) - Re(sum g h)) / 2
+
+where g holds the shares of the force, and h those of the sampled places. Where nothing is known of the device's mass,
+speed is the difference of two samples, and the bound is b > K T / 2 + C.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,11 +34,12 @@ FREQUENCIES = 4096
 
 
 def needed_damping_n_s_m(
-    observer: Observer, *, stiffness_n_m: float, damping_n_s_m: float, delay_s: float = 0.0
+    observer: Observer, *, stiffness_n_m: float, damping_n_s_m: float, delay_s: float = 0.0, samples: int = 1
 ) -> float:
     """Return the physical damping b that a device and a hand need together, N s/m.
 
-    Arguments are K, N/m, and C, N s/m, of a block that is held, and how late its force arrives, s.
+    Arguments are K, N/m, and C, N s/m, of a block that is held, how late its force arrives, s, and for how many samples
+    a force is held.
     """
     period_s = observer.period_s
     alpha, beta, gamma = observer.gains
@@ -42,19 +48,26 @@ def needed_damping_n_s_m(
     pushed = np.array([period_s**2 / 2, period_s, 0.0]) / observer.mass_kg
     law = np.array([stiffness_n_m, damping_n_s_m, 0.0])
     corrected = np.eye(3) - np.outer(gains, [1.0, 0.0, 0.0])
+    steps = [np.linalg.matrix_power(corrected @ moves, n) for n in range(samples + 1)]
+    told = np.outer(sum(steps[:-1]) @ corrected @ pushed, law)
     angle = np.linspace(0.0, np.pi, FREQUENCIES + 1)[1:]
     before = np.exp(-1j * angle)
-    loop = np.eye(3) - before[:, None, None] * (corrected @ (moves - np.outer(pushed, law)))
-    force = np.linalg.solve(loop, np.broadcast_to(gains[:, None], (angle.size, 3, 1)))[:, :, 0] @ law
-    late = np.exp(-1j * angle * delay_s / period_s)
-    bound = period_s / 2 / (1.0 - np.cos(angle)) * ((1.0 - before) * force * late).real
+    loop = np.eye(3) - before[:, None, None] * (steps[-1] - told)
+    late = np.exp(-1j * angle * delay_s / (samples * period_s))
+    turns = (angle + 2.0 * np.pi * np.arange(samples)[:, None]) / samples
+    drive = sum(np.exp(-1j * n * turns)[..., None] * (steps[n] @ gains) for n in range(samples))
+    force = np.linalg.solve(loop, np.moveaxis(drive, 0, -1)).swapaxes(1, 2) @ law * late[:, None]
+    squares = (period_s / 2 / np.sin(turns.T / 2)) ** 2
+    given = -(1.0 - before) * (force * squares).sum(axis=1)
+    sizes = np.abs(1.0 - before) ** 2 * squares.sum(axis=1) * (np.abs(force) ** 2 * squares).sum(axis=1)
+    bound = (np.sqrt(np.maximum(sizes - given.imag**2, 0.0)) - given.real) / (2 * samples * period_s)
     return max(float(bound.max()), 0.0)
 
 
 def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[bool, str]:
     """Return whether a device may render a protocol's block, and in sentences what damping that takes, and why."""
     delay_s = device.delay_ms / 1e3
-    k, c, period_s = virtual.stiffness_n_m, virtual.damping_n_s_m, max(1 / virtual.rate_hz, 1 / tracker.rate_hz)
+    k, c, samples = virtual.stiffness_n_m, virtual.damping_n_s_m, ceil(tracker.rate_hz / virtual.rate_hz)
     observer = observer_of(virtual, device, tracker)
     block = f"The block has {k:g} N/m and {c:g} N s/m at {virtual.rate_hz} Hz, with forces {device.delay_ms:g} ms late"
     has = f"this one has {device.damping_n_s_m:g} N s/m"
@@ -64,15 +77,13 @@ def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[boo
         from palpate.experiment.synthesis.stepping import stability
 
         needed = stability.needed_damping_n_s_m(
-            stiffness_n_m=k, damping_n_s_m=c, period_s=1 / virtual.rate_hz, delay_s=delay_s
+            stiffness_n_m=k, damping_n_s_m=c, period_s=1 / min(virtual.rate_hz, tracker.rate_hz), delay_s=delay_s
         )
         speed = "; the hand's speed is the difference of two samples"
     else:
         if observer.mass_kg < (least := least_kg(virtual, tracker)):
             return False, f"{block}; it trembles on less than {least:g} kg, and the device has {observer.mass_kg:g} kg."
-        needed = needed_damping_n_s_m(
-            replace(observer, period_s=period_s), stiffness_n_m=k, damping_n_s_m=c, delay_s=delay_s
-        )
+        needed = needed_damping_n_s_m(observer, stiffness_n_m=k, damping_n_s_m=c, delay_s=delay_s, samples=samples)
         speed = f"; the servo is told the force that it sent, and a mass of {observer.mass_kg:g} kg"
     return needed <= device.borne_n_s_m, (
         f"{block}{speed}: that is passive on a device with {needed:.4g} N s/m of its own, and {has}."

@@ -75,11 +75,11 @@ def test_a_rig_that_renders_no_surface_is_red_before_a_study_of_them_alone(name:
 
 
 def test_a_device_that_would_give_energy_to_the_hand_is_red() -> None:
-    """Of a device whose mass is not known the paper's block needs 100.5 N s/m: K T / 2 + C."""
-    found = looked_at("127.0.0.1:1", changed(damping_n_s_m=100.4, tip_mass_kg=None))["block"]
+    """Of a device whose mass is not known, at a tracker's 500 Hz: K T / 2 + C are 102.5 N s/m."""
+    found = looked_at("127.0.0.1:1", changed(damping_n_s_m=102.4, tip_mass_kg=None))["block"]
     assert found.verdict == "refuses"
-    assert "100.5 N s/m" in found.what
-    assert looked_at("127.0.0.1:1", changed(damping_n_s_m=100.6, tip_mass_kg=None))["block"].verdict == "passes"
+    assert "102.5 N s/m" in found.what
+    assert looked_at("127.0.0.1:1", changed(damping_n_s_m=102.6, tip_mass_kg=None))["block"].verdict == "passes"
     assert looked_at("127.0.0.1:1", hz=2500)["block"].verdict == "passes"
 
 

@@ -66,8 +66,11 @@ def test_a_force_that_comes_late_asks_for_more() -> None:
     assert not bears(spring, delay_ms=0.8, damping_n_s_m=2.49)
 
 
-def grows(observer: Observer, *, k: float, c: float, b: float, kg: float, n_m: float) -> bool:
-    """Whether a spring on a mass, with a damper b, ever more moves a servo of one axis: written out anew."""
+def grows(observer: Observer, *, k: float, c: float, b: float, kg: float, n_m: float, samples: int) -> bool:
+    """Whether a spring on a mass, with a damper b, ever more moves a servo of one axis: written out anew.
+
+    A force is held for so many samples.
+    """
     period = observer.period_s
     alpha, beta, gamma = observer.gains
     # The mass between two samples, under a force that is held.
@@ -81,18 +84,22 @@ def grows(observer: Observer, *, k: float, c: float, b: float, kg: float, n_m: f
     loop[2:5, 2:5], loop[2:5, 5] = ahead, pushed
     off = loop[0] - loop[2]
     loop[2:5] += np.outer(gains, off)
+    holds = loop.copy()
+    holds[5, 5] = 1.0
     loop[5] = k * loop[2] + c * loop[3]
-    return bool(np.abs(np.linalg.eigvals(loop)).max() > 1.0 + 1e-9)
+    whole = loop @ np.linalg.matrix_power(holds, samples - 1)
+    return bool(np.abs(np.linalg.eigvals(whole)).max() > 1.0 + 1e-9)
 
 
-def test_the_worst_spring_on_the_device_dies_out_at_the_bound_and_grows_below() -> None:
+@pytest.mark.parametrize("samples", [1, 2])
+def test_the_worst_spring_on_the_device_dies_out_at_the_bound_and_grows_below(samples: int) -> None:
     """A spring may be anything a hand is: of all, the worst is one that the bound just allows."""
-    observer = Observer(4e-4, 5e-6, 0.05)
-    needed = passivity.needed_damping_n_s_m(observer, stiffness_n_m=2500.0, damping_n_s_m=100.0)
+    observer = Observer(4e-4 / samples, 5e-6, 0.05)
+    needed = passivity.needed_damping_n_s_m(observer, stiffness_n_m=2500.0, damping_n_s_m=100.0, samples=samples)
     loads = [(kg, n_m) for kg in (0.05, 0.1, 0.3) for n_m in np.geomspace(1e2, 1e7, 60)]
 
     def any_grows(b: float) -> bool:
-        return any(grows(observer, k=2500.0, c=100.0, b=b, kg=kg, n_m=n_m) for kg, n_m in loads)
+        return any(grows(observer, k=2500.0, c=100.0, b=b, kg=kg, n_m=n_m, samples=samples) for kg, n_m in loads)
 
     assert not any_grows(1.02 * needed)
     assert any_grows(0.8 * needed)
@@ -121,6 +128,15 @@ def test_a_device_of_five_bears_the_papers_block_alone_and_one_of_one_with_a_fin
     assert not bears(damping_n_s_m=1.0, tip_mass_kg=0.1)
     assert bears(damping_n_s_m=1.0, tip_mass_kg=0.1, **FINGER)
     assert not bears(damping_n_s_m=0.1, tip_mass_kg=0.1, **FINGER)
+
+
+def test_a_tracker_that_is_faster_than_the_servo_asks_for_more_and_a_slower_one_too() -> None:
+    """Each force is held for two samples of 5 kHz; at 1 kHz it is held for a whole ms: K T / 2 are 1.25 N s/m."""
+    fast, slow = (TRACKER.model_copy(update={"rate_hz": rate_hz}) for rate_hz in (5000, 1000))
+    told = {"damping_n_s_m": 4.0, "tip_mass_kg": 0.1}
+    assert [passivity.judged(PAPER, device(**told), one)[0] for one in (TRACKER, fast)] == [True, False]
+    untold = device(damping_n_s_m=101.0)
+    assert [passivity.judged(PAPER, untold, one)[0] for one in (TRACKER, slow)] == [True, False]
 
 
 def test_what_moves_too_little_is_refused_however_much_damping_it_has() -> None:
