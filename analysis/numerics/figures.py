@@ -344,7 +344,7 @@ def _plot_below(axes: Axes, measured: Sequence[Measured], subject: str, title: s
 
 
 def _unnoticed(axes: Axes) -> None:
-    """Mark the error below which accuracy stops to matter to a person, by the model of `synthesis/noticing.py`."""
+    """Mark the error below which accuracy no longer matters to a person, by the model of `synthesis/noticing.py`."""
     for error, site in zip(UNNOTICED, (SOLE, FINGERTIP), strict=True):
         axes.axhline(error, color="#a40e26", linestyle="-" if site is SOLE else ":", linewidth=1.0, zorder=0)
 

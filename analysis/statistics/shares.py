@@ -67,10 +67,11 @@ def first_limits(right: Integers, trials: Integers, chance: float) -> Limits:
 
 
 def population_limits(right: Integers, trials: Integers) -> Limits:
-    """Return the interval of the mean share that holds for any population, from counts, shape (participants,).
+    """Return the interval of the mean share that allows for any population, from counts, shape (participants,).
 
     Participants have random weights, drawn from Dirichlet(1, ..., 1, 1/2); the last is of half a participant who is
-    never right for the lower end, and always for the upper. Raises `NotDefined` below two participants.
+    never right for the lower end, and always for the upper. Where each is always or never right, it covers 87 % or more
+    (binomial sums, 2 to 40 participants). Raises `NotDefined` below two participants.
     """
     right, trials = right[trials > 0], trials[trials > 0]
     if right.size < 2:

@@ -87,7 +87,9 @@ def limit(method: str, *, damping_ratio: float) -> float:
 
 
 def needed_damping_n_s_m(*, stiffness_n_m: float, damping_n_s_m: float, period_s: float, delay_s: float = 0.0) -> float:
-    """Return the physical damping b that a device needs for a sampled wall to be passive, N s/m (see the module).
+    """Return the physical damping b that a device needs for a sampled wall to be passive, N s/m.
+
+    The wall is a spring and a damper by backward difference (Colgate and Schenkel 1997, as in `decisions.md`).
 
     Raises `SynthesisError` unless all are finite, K, C and the delay at least zero, and the period above zero.
     """
