@@ -167,7 +167,7 @@ def _step(row: Row) -> str:
     parts = [f"In {one['task']}, {one['of']} was right in {one['right']} of {plural(one['trials'], 'trial')}{share}"]
     if one["step"] is not None:
         limits = "" if one["low"] is None else f", 95% CI [{one['low']:.2f}, {one['high']:.2f}]"
-        parts.append(f"the {one['law']} step was {one['step']:.2f}{limits}")
+        parts.append(f"the {one['law'].title()} step was {one['step']:.2f}{limits}")
     return f"{', and '.join(parts)} {row}."
 
 
