@@ -35,12 +35,24 @@ def sentence_lines(tests: Sequence[Reported], *, one_tailed: bool) -> Iterator[L
     """Yield the lines of tests in sentences; `one_tailed`: the paper says that some are."""
     for test in tests:
         cited = Citation(WHERE, "text", test.head, "cannot be decided")
-        if test.statistic == "r" and abs(test.value.exact) > 1:
-            yield cited.text("r", test.value.text, "-1 to 1", "impossible", "no correlation is beyond 1")
+        if (impossible := _impossible(cited, test)) is not None:
+            yield impossible
             continue
         yield _p_line(cited, test, one_tailed=one_tailed)
         if test.interval is not None and (line := _interval_line(cited, test, test.interval)) is not None:
             yield line
+
+
+def _impossible(cited: Citation, test: Reported) -> Line | None:
+    """Return the line of a statistic or P that no data give."""
+    value, p = test.value, test.p
+    if test.statistic == "r" and abs(value.exact) > 1:
+        return cited.text("r", value.text, "-1 to 1", "impossible", "no correlation is beyond 1")
+    if test.statistic in ("F", "chi2") and value.exact < 0:
+        return cited.text(test.statistic, value.text, "at least 0", "impossible", "it is never negative")
+    if not 0 <= p.value <= 1:
+        return cited.text("P", p.text, "0 to 1", "impossible", "a probability is from 0 to 1")
+    return None
 
 
 def p_values(test: Reported) -> Interval:

@@ -91,6 +91,8 @@ def read(path: Path, stated: Stated) -> Paper:
         except _Unknown as reason:
             passed.append(f"{grid.name} was passed over: {reason}.")
     passed += _tied(document, stated.chance)
+    if len(tests) == prose.MOST_TESTS:
+        passed.append(f"Tests in sentences behind the first {prose.MOST_TESTS:,} were passed over.")
     found = any(key in document for key in ("table", "t", "anova"))
     if not found and not tests:
         told = f"; {' '.join(passed).rstrip('.')}" if passed else ""

@@ -9,6 +9,8 @@ import re
 import unicodedata
 from dataclasses import dataclass
 from html.parser import HTMLParser
+from itertools import islice
+from operator import itemgetter
 from typing import Literal
 
 from palpate.analysis.published.printed import Printed
@@ -43,13 +45,15 @@ class Reported:
 _NUMBER = r"[-+]?(?:[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]+|[0-9]*[.,][0-9]+|[0-9]+)"
 _POWER = r"(?: ?(?:[x*·×] ?10 ?\^? ?\{?\(?|[eE])(-[0-9]{1,2})\)?\}?)?"
 _OPEN, _CLOSE = r" ?(?:\(|_\{?|\[) ?", r" ?(?:\)|\}|\])?"
-_DF = r"(?:df ?= ?)?([0-9]+(?:[.,][0-9]+)?)"
-_DF_ = r"([0-9]+(?:\.[0-9]+)?)"
+_THOUSANDS = r"[1-9][0-9]{0,2}(?:,[0-9]{3})+(?![0-9])"
+_DF = rf"(?:df ?= ?)?({_THOUSANDS}|[0-9]+(?:[.,][0-9]+)?)"
+_ABOVE = r"([0-9]+(?:\.[0-9]+)?)"
+_BELOW = rf"({_THOUSANDS}|[0-9]+(?:\.[0-9]+)?)"
 _N = r"(?: ?[,;] ?[Nn] ?= ?[0-9]+)?"
 _SIGN = r" ?(=|<|>|≤|≥) ?"
 _HEADS: dict[Statistic, str] = {
     "t": rf"(?<![A-Za-z])t{_OPEN}{_DF}{_N}{_CLOSE}",
-    "F": rf"(?<![A-Za-z])F{_OPEN}{_DF_} ?[,;] ?{_DF_}{_CLOSE}",
+    "F": rf"(?<![A-Za-z])F{_OPEN}{_ABOVE} ?[,;] ?{_BELOW}{_CLOSE}",
     "chi2": rf"(?:χ ?\^?\{{?2?\}}?|(?<![A-Za-z])(?:[Cc]hi[- ]?squared?|chi2|X\^?2)){_OPEN}{_DF}{_N}{_CLOSE}",
     "r": rf"(?<![A-Za-z])r{_OPEN}{_DF}{_N}{_CLOSE}",
     "z": r"(?<![A-Za-z])[zZ]",
@@ -63,6 +67,7 @@ _P = (
     rf" ?[,;.)(]? ?\(?(?:{_NS}|[pP](?:[- ]?values?)?(?P<ps>(?: ?(?:=|<|>|≤|≥)) ?)"
     rf"(?:{_NS}|(?P<p>{_NUMBER}){_POWER}))"
 )
+_GROUPED = re.compile(_THOUSANDS)
 _TESTS = {name: re.compile(f"{head}{_SIGN}({_NUMBER}){_POWER}{_BETWEEN}{_P}") for name, head in _HEADS.items()}
 _INTERVAL = re.compile(rf"([0-9]{{2}}) ?% ?(?:CI|confidence interval)s? ?[:=]? ?\[ ?({_NUMBER}) ?[,;] ?({_NUMBER}) ?\]")
 _ONE_TAILED = re.compile(r"one[- ](?:tailed|sided)|directional", re.IGNORECASE)
@@ -70,14 +75,14 @@ _DASHES = str.maketrans(dict.fromkeys("\u2212\u2013\u2010\u2011\ufe63", "-") | d
 
 
 def reported_tests(text: str) -> tuple[Reported, ...]:
-    """Return the tests in the sentences of a text, in their order."""
-    text = _even(text)
-    found: dict[int, Reported] = {}
-    for name, pattern in _TESTS.items():
-        for match in pattern.finditer(text):
-            if len(found) < MOST_TESTS and (one := _reported(name, match)) is not None:
-                found[match.start()] = one
-    return tuple(found[place] for place in sorted(found))
+    """Return the first `MOST_TESTS` tests in the sentences of a text, in their order."""
+    even = _even(text)
+    matches = sorted(
+        ((match.start(), name, match) for name, pattern in _TESTS.items() for match in pattern.finditer(even)),
+        key=itemgetter(0),
+    )
+    found = (_reported(name, match) for _, name, match in matches)
+    return tuple(islice((one for one in found if one is not None), MOST_TESTS))
 
 
 def mentions_one_tailed(text: str) -> bool:
@@ -94,15 +99,19 @@ def _reported(name: Statistic, match: re.Match[str]) -> Reported | None:
     groups = match.groups()
     count = {"t": 1, "F": 2, "chi2": 1, "r": 1, "z": 0}[name]
     sign, value, power = groups[count : count + 3]
-    df = tuple(_printed(one, None) for one in groups[:count])
+    points = name == "F" or "." in value + (match["p"] or "")
+    df = tuple(
+        _printed(one.replace(",", "") if points and _GROUPED.fullmatch(one) else one, None) for one in groups[:count]
+    )
     if any(one.exact <= 0 for one in df):
         return None
     p, p_sign = match["p"], (match["ps"] or "").strip()
     if p is None:
         shown, p_sign = Printed(str(NS)), ">"
     else:
-        shown = _printed(p, groups[-1])
-        if shown.exact > 1 or shown.exact < 0:
+        percent = match.string[match.end() :].lstrip(" ")[:1] == "%"
+        shown = _printed(p, "-2" if percent else groups[-1])
+        if name == "z" and not 0 <= shown.exact <= 1:
             return None
         p_sign = {"≤": "<", "≥": ">"}.get(p_sign, p_sign)
         shown = Printed(f"<{shown.text}") if p_sign == "<" else shown

@@ -11,7 +11,8 @@ from scipy import stats
 
 from palpate.analysis.audit.audit import audit
 from palpate.analysis.audit.sentences import p_values, sentence_lines
-from palpate.analysis.published.prose import mentions_one_tailed, reported_tests, words
+from palpate.analysis.published.paper import Stated, read
+from palpate.analysis.published.prose import MOST_TESTS, mentions_one_tailed, reported_tests, words
 from palpate.experiment.errors import PublishedError
 
 
@@ -30,6 +31,11 @@ from palpate.experiment.errors import PublishedError
         ("r(28) = .45, p = .013", "r", ("28",), 0.012591),
         ("z = 1.96, p = .05", "z", (), 0.049996),
         ("Z = 1.96, P < 0.051", "z", (), 0.049996),
+        # The same of -1.96 with 1100 df, and of 4.35 with 2 and 1100, and 1 and 100.
+        ("t(1,100) = 1.96, p = .05", "t", ("1100",), 0.050248),
+        ("F(2, 1,100) = 4.35, p = .013", "F", ("2", "1100"), 0.013130),
+        ("F(1,100) = 4.35, p = .04", "F", ("1", "100"), 0.039555),
+        ("t(28) = 2.20, p < 5 %", "t", ("28",), 0.036225),
         ("t(28) = 2.20, p = 3.62 \u00d7 10\u22122", "t", ("28",), 0.036225),
     ],
 )
@@ -57,6 +63,10 @@ def test_a_page_with_subscripts_entities_and_scripts() -> None:
         ("t(28) = 2.20, ns", "P"),
         ("F(2, 27) = 4.50, p < .01", "P"),
         ("r(28) = 1.45, p = .01", "r"),
+        ("F(2, 27) = -4.50, p = .021", "F"),
+        ("\u03c7\u00b2(2) = -6.40, p = .041", "chi2"),
+        ("t(28) = 2.20, p = 1.5", "P"),
+        ("t(28) = 2.20, p = 3.6 %, and t(28) = 2.20, p = 36 %", "P"),
         ("t(28) = 2.20, 95% CI [-0.2, 2.0], p = .036", "95% CI"),
         ("t(28) = 2.20, p = .018", "P"),
     ],
@@ -91,6 +101,13 @@ def test_no_right_line_is_accused() -> None:
     lines = [*sentence_lines(reported_tests(". ".join(made)), one_tailed=False)]
     assert len(lines) == len(made) == 1500
     assert [line for line in lines if not line.agrees] == []
+
+
+def test_of_more_tests_than_are_read_the_first_are_and_the_others_told(tmp_path: Path) -> None:
+    paper = tmp_path / "paper.txt"
+    paper.write_text("z = 1.96, p = .05. " + "t(28) = 2.20, p = .036. " * MOST_TESTS)
+    found = read(paper, Stated())
+    assert (len(found.tests), found.tests[0].statistic, len(found.passed_over)) == (MOST_TESTS, "z", 1)
 
 
 def test_an_audit_of_a_text_and_of_one_that_says_nothing(tmp_path: Path) -> None:
