@@ -70,7 +70,9 @@ _P = (
 _GROUPED = re.compile(_THOUSANDS)
 _TESTS = {name: re.compile(f"{head}{_SIGN}({_NUMBER}){_POWER}{_BETWEEN}{_P}") for name, head in _HEADS.items()}
 _INTERVAL = re.compile(rf"([0-9]{{2}}) ?% ?(?:CI|confidence interval)s? ?[:=]? ?\[ ?({_NUMBER}) ?[,;] ?({_NUMBER}) ?\]")
-_ONE_TAILED = re.compile(r"one[- ](?:tailed|sided)|directional", re.IGNORECASE)
+_ONE_TAILED = re.compile(
+    r"one[- ](?:tailed|sided)|(?<![-\w])directional (?:tests?|hypothes[ei]s|predictions?)\b", re.IGNORECASE
+)
 _DASHES = str.maketrans(dict.fromkeys("\u2212\u2013\u2010\u2011\ufe63", "-") | dict.fromkeys("\u200b\u2060\ufeff"))
 
 

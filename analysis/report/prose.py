@@ -60,7 +60,9 @@ def _methods(study: Study, rows: Sections) -> Iterator[str]:
     if "intervals" in rows:
         yield (
             "Intervals of shares are those of a beta-binomial distribution over participants, with Jeffreys's prior of "
-            "the mean and a flat one of the correlation, widened to hold for participants who are alike or very unlike."
+            "the mean and a flat one of the correlation, widened to hold for participants who are alike or very unlike"
+            "; where somebody guessed among good others, Gaffke's with half a participant added; and of a single "
+            "participant, Clopper and Pearson's."
         )
     yield f"palpate {software.this().version} made all analyses."
 

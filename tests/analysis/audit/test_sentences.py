@@ -76,6 +76,20 @@ def test_what_contradicts_itself_is_accused(sentence: str, quantity: str) -> Non
     assert [line.quantity for line in lines if not line.agrees] == [quantity]
 
 
+@pytest.mark.parametrize(
+    ("text", "whether"),
+    [
+        ("All tests were one-sided.", True),
+        ("We had directional hypotheses.", True),
+        ("The transfer is bidirectional (bi-directional tests).", False),
+        ("Non-directional tests, and a directional microphone.", False),
+    ],
+    ids=["sided", "directional", "bidirectional", "microphone"],
+)
+def test_a_direction_of_something_else_makes_no_test_one_tailed(text: str, whether: bool) -> None:
+    assert mentions_one_tailed(text) is whether
+
+
 def test_half_a_p_stands_where_the_paper_says_one_tailed() -> None:
     text = "All tests are one-tailed. t(28) = 2.20, p = .018"
     assert mentions_one_tailed(text)
