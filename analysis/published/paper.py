@@ -386,7 +386,7 @@ def _csv(path: Path, stated: delimited.Stated) -> tuple[Grid, ...]:
         delimiter = delimited.delimiter_of(text)
         rows = [[cell.strip() for cell in one.cells] for one in delimited.records(text, delimiter, below=False)]
         digits = (part for row in rows for cell in row for part in re.findall(r"[0-9.,]*[0-9]", cell))
-        if (decimal := stated.decimal or delimited.decimal_sign(digits, delimiter)) is None:
+        if (decimal := stated.decimal or delimited.decimal_sign(digits, delimiter, printed=True)) is None:
             raise delimited.unclear_decimal(path, stated)
     except PalpateError as error:
         raise PublishedError.saying(error) from error

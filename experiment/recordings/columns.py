@@ -146,12 +146,14 @@ def _rows(text: str, begins: Record, shape: _Shape) -> Iterator[Record]:
 
 
 def _decimal(text: str, begins: Record, shape: _Shape, most: int | None, stated: Stated) -> str:
-    cells = chain.from_iterable(_cells(one, shape) for one in islice(_rows(text, begins, shape), most))
-    decimal = decimal_sign(cells, shape.delimiter)
+    def cells() -> Iterator[str]:
+        return chain.from_iterable(_cells(one, shape) for one in islice(_rows(text, begins, shape), most))
+
+    decimal = decimal_sign(cells(), shape.delimiter)
     if decimal is None and most is not None:
         return _decimal(text, begins, shape, None, stated)
     if decimal is None:
-        raise unclear_decimal("", stated)
+        raise unclear_decimal("", stated, decimal_sign(cells(), shape.delimiter, printed=True))
     return decimal
 
 

@@ -276,22 +276,28 @@ def number(cell: str, decimal: str) -> float:
     return float(text.replace(decimal, ".").lower().replace("d", "e"))
 
 
-def decimal_sign(cells: Iterable[str], delimiter: str) -> str | None:
-    """Return the sign under which more of these cells are numbers, empty where none has one; None where both fit.
+def decimal_sign(cells: Iterable[str], delimiter: str, *, printed: bool = False) -> str | None:
+    """Return the sign under which more of these cells are numbers, empty where none has one, None where it is unclear.
 
     Three digits behind a point are decimals, unless semicolons part the cells: then commas may be the decimal signs.
+    Where no other number has thousands, such a number beside others with the other sign is unclear, unless it is
+    `printed`: a logger, or whoever typed it, may have written one number as another country does.
     """
-    bad, differ = {".": 0, ",": 0}, ""
+    bad, differ, either, parts = {".": 0, ",": 0}, "", set[str](), {".": False, ",": False}
     for cell in cells:
         if "." not in cell and "," not in cell:
             continue
-        readings = {decimal: bool(_NUMBERS[decimal].fullmatch(cell.strip().replace("\u2212", "-"))) for decimal in bad}
-        for decimal, fits in readings.items():
-            bad[decimal] += not fits
-        if all(readings.values()):
+        text = cell.strip().replace("\u2212", "-")
+        fits = {decimal: bool(_NUMBERS[decimal].fullmatch(text)) for decimal in bad}
+        for decimal, is_number in fits.items():
+            bad[decimal] += not is_number
+            parts[decimal] |= is_number and not all(fits.values()) and ("," if decimal == "." else ".") in text
+        if all(fits.values()):
+            either.add("," if "," in text else ".")
             differ = "," if "," in cell else differ or "."
     if bad["."] != bad[","]:
-        return min(bad, key=bad.__getitem__)
+        decimal = min(bad, key=bad.__getitem__)
+        return decimal if printed or parts[decimal] or either <= {decimal} else None
     if not differ:
         return "." if bad["."] else ""
     return "." if differ == "." and delimiter != ";" else None
@@ -333,10 +339,10 @@ def read_table(
     at = next((place for place, cells in enumerate(heads) if set(wanted) <= set(cells)), 0)
     header, rows = tuple(heads[at]) if heads else (), tuple(every[at + 1 :])
     places = [header.index(name) for name in numbers if name in header]
-    cells = (one.cells[place] for one in rows for place in places if place < len(one.cells))
+    cells = [one.cells[place] for one in rows for place in places if place < len(one.cells)]
     decimal = stated.decimal or decimal_sign(cells, delimiter)
     if decimal is None:
-        raise unclear_decimal(path, stated)
+        raise unclear_decimal(path, stated, decimal_sign(cells, delimiter, printed=True))
     lines = (every[at].line,) if every else ()
     first = rows[0].line if rows else 0
     return Table(header, rows, Understood(encoding, delimiter, decimal, lines, header, (), first, len(rows)))
@@ -352,11 +358,11 @@ def _all_records(path: Path, text: str, delimiter: str) -> list[Record]:
     return every
 
 
-def unclear_decimal(where: Path | str, stated: Stated) -> PalpateError:
-    """Return the error for numbers such as 1,234 alone, which are thousands in one country and decimals in another."""
+def unclear_decimal(where: Path | str, stated: Stated, likely: str | None = None) -> PalpateError:
+    """Return the error for numbers such as 1,234, which are thousands in one country and decimals in another."""
     return PalpateError(
         where,
-        "got only numbers with one sign before three digits, which may part thousands or decimals",
-        stated.remedy("state the decimal sign", "--decimal", ","),
+        "got numbers with one sign before three digits, which may part thousands or decimals",
+        stated.remedy("state the decimal sign", "--decimal", likely or ","),
         allowed="a number that shows which, or the decimal sign",
     )

@@ -91,8 +91,13 @@ def _has_letters(text: ast.expr) -> bool:
     )
 
 
+PARTS = {"split", "rsplit", "splitlines", "partition", "rpartition", "removeprefix", "removesuffix", "startswith"}
+"""Methods that take a text apart, or ask for a part of it."""
+
+
 def errors_in_text(source: Source, ours: Collection[str]) -> Iterator[str]:
-    """Yield each place that takes an error of ours for a text: `str(error)`, `f"{error}"` or `error.args`.
+    """Yield each place that takes an error of ours for a text, as `str(error)`, `f"{error}"` and `error.args` do, or
+    that takes a text of it apart, as `error.finding.what.split(";")` does.
 
     So does whoever raises another error of its `sentence()` or its `cause`. An error is what `except` catches as one of
     `ours`, names of classes, and a parameter that is annotated as one.
@@ -132,8 +137,12 @@ def _texts_of(block: ast.AST, name: str) -> Iterator[ast.expr]:
             case ast.Raise(exc=raised) if raised is not None:
                 yield from (use for use in ast.walk(raised) if _is_sentence_of(use, name))
             case (
-                ast.Call(func=ast.Name(id="str" | "repr"), args=[ast.Name(id=used)])
+                ast.Call(func=ast.Name(id="str" | "repr" | "format" | "print"), args=[ast.Name(id=used), *_])
                 | ast.FormattedValue(value=ast.Name(id=used))
-                | ast.Attribute(value=ast.Name(id=used), attr="args")
+                | ast.Attribute(value=ast.Name(id=used), attr="args" | "__str__" | "__repr__")
+                | ast.BinOp(left=ast.Constant(value=str()), op=ast.Mod(), right=ast.Name(id=used))
             ) if used == name:
                 yield node
+            case ast.Call(func=ast.Attribute(value=taken, attr=part)) if part in PARTS:
+                if any(isinstance(one, ast.Name) and one.id == name for one in ast.walk(taken)):
+                    yield node

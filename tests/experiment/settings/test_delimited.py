@@ -83,10 +83,18 @@ def test_what_is_no_number(cell: str, decimal: str) -> None:
         (["1.234", "5.678"], "\t", "."),
         (["1.234", "5.678"], ";", None),
         (["1,234", "5,678"], "\t", None),
+        (["0.959", "2,385", "0.512"], ";", None),
+        (["0,959", "2.385", "0,512"], ";", None),
+        (["0.959", "2,385", "12,385.5"], ";", "."),
+        (["0,959", "2.385", "1.234.567"], ";", ","),
     ],
 )
 def test_the_decimal_sign_is_that_of_many_cells_or_asked_for(cells: list[str], delimiter: str, sign: str) -> None:
     assert decimal_sign(cells, delimiter) == sign
+
+
+def test_in_a_printed_table_three_digits_behind_the_other_sign_are_thousands() -> None:
+    assert decimal_sign(["0.959", "2,385"], ";", printed=True) == "."
 
 
 def test_a_comment_sign_counts_at_the_beginning_of_a_line_only() -> None:
