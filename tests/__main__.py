@@ -29,7 +29,7 @@ def marked(mark: str) -> list[str]:
 def parts() -> tuple[list[str], list[str], list[str], list[str]]:
     """Return the arguments of what computes, of what waits, of what runs alone, and of what takes the idle time."""
     waiting, alone, idle = marked("clocked"), marked("alone"), str(IDLE)
-    computing = ["-n", "3", *SIDE_BY_SIDE, *(f"--ignore={path}" for path in [*waiting, *alone, idle])]
+    computing = ["-n", "4", *SIDE_BY_SIDE, *(f"--ignore={path}" for path in [*waiting, *alone, idle])]
     return computing, ["-n", "4", *SIDE_BY_SIDE, *waiting], alone, ["-n", "2", *SIDE_BY_SIDE, idle]
 
 

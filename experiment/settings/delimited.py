@@ -55,7 +55,7 @@ _LINE = re.compile(r"[^\r\n]*(?:\r\n|\n|\r)|[^\r\n]+")
 _COMMENT = re.compile(r"\s*(?:#|%|//)")
 _NUMBERS = {
     decimal: re.compile(
-        rf"[+-]?(?={re.escape(decimal)}?[0-9])(?:[0-9]+|[0-9]{{1,3}}(?:([{other}'’\u00a0\u202f])[0-9]{{3}})(?:\1[0-9]{{3}})*)?"
+        rf"[+-]?(?={re.escape(decimal)}?[0-9])(?:[0-9]+|[1-9][0-9]{{0,2}}(?:([{other}'’\u00a0\u202f])[0-9]{{3}})(?:\1[0-9]{{3}})*)?"
         rf"(?:{re.escape(decimal)}[0-9]*)?(?:[eEdD][+-]?[0-9]+)?"
     )
     for decimal, other in (".,", ",.")
