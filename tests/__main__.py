@@ -1,8 +1,7 @@
 """Run every test: `python -m tests`.
 
 What computes runs beside what mostly waits for the clock on the wall, and leaves the processor to it. What needs the
-machine to itself runs last, and the time that it leaves idle is given to the tests of the analysis, which keep to no
-clock. No part imports the modules of another, of which importing alone takes seconds a worker.
+machine to itself runs last. No part imports the modules of another, of which importing alone takes seconds a worker.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from tempfile import TemporaryFile
 SIDE_BY_SIDE = ("--dist", "loadfile", "--no-loadscope-reorder")
 TESTS = Path(__file__).parent
 RIG = TESTS / "rig"
-IDLE = TESTS / "analysis"
 
 
 def marked(mark: str) -> list[str]:
@@ -26,11 +24,11 @@ def marked(mark: str) -> list[str]:
     return [str(path) for path in sorted(RIG.glob("test_*.py")) if f"pytest.mark.{mark}\n" in path.read_text("utf-8")]
 
 
-def parts() -> tuple[list[str], list[str], list[str], list[str]]:
-    """Return the arguments of what computes, of what waits, of what runs alone, and of what takes the idle time."""
-    waiting, alone, idle = marked("clocked"), marked("alone"), str(IDLE)
-    computing = ["-n", "4", *SIDE_BY_SIDE, *(f"--ignore={path}" for path in [*waiting, *alone, idle])]
-    return computing, ["-n", "4", *SIDE_BY_SIDE, *waiting], alone, ["-n", "2", *SIDE_BY_SIDE, idle]
+def parts() -> tuple[list[str], list[str], list[str]]:
+    """Return the arguments of what computes, of what waits, and of what runs alone."""
+    waiting, alone = marked("clocked"), marked("alone")
+    computing = ["-n", "3", *SIDE_BY_SIDE, *(f"--ignore={path}" for path in waiting + alone)]
+    return computing, ["-n", "4", *SIDE_BY_SIDE, *waiting], alone
 
 
 def pytest(arguments: list[str]) -> list[str]:
@@ -53,26 +51,19 @@ def compile_all() -> None:
         one.wait()
 
 
-def beside(first: list[str], second: list[str]) -> list[int]:
-    """Run two commands side by side, show what the second printed after the first, and return their exit codes."""
-    with TemporaryFile() as kept:
-        other = subprocess.Popen(second, stdout=kept, stderr=subprocess.STDOUT)
-        codes = [subprocess.call(first), other.wait()]
-        kept.seek(0)
-        sys.stdout.buffer.write(kept.read())
-        sys.stdout.flush()
-    return codes
-
-
 def main() -> int:
     """Run the parts, and return the largest of their exit codes: 0 if every test passed."""
     begun_s = time.monotonic()
     compile_all()
     yielding = ["nice", "-n", "10"] if which("nice") else []
-    # Linux alone has a class of processes that run only where no other would.
-    behind = ["chrt", "--idle", "0"] if which("chrt") else yielding
-    computing, waiting, alone, idle = map(pytest, parts())
-    codes = beside(yielding + computing, waiting) + beside(alone, behind + idle)
+    computing, waiting, alone = parts()
+    with TemporaryFile() as kept:
+        beside = subprocess.Popen(pytest(waiting), stdout=kept, stderr=subprocess.STDOUT)
+        codes = [subprocess.call(yielding + pytest(computing)), beside.wait()]
+        kept.seek(0)
+        sys.stdout.buffer.write(kept.read())
+        sys.stdout.flush()
+    codes.append(subprocess.call(pytest(alone)))
     print(f"The tests took {time.monotonic() - begun_s:.0f} s.")
     return max(codes)
 
