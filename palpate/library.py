@@ -166,6 +166,7 @@ def power(
     target: float = 0.8,
     seed: int = 1,
     jobs: int = 1,
+    progress: bool = False,
 ) -> Power:
     """Simulate whole studies, and count how often each planned test shows what it asks.
 
@@ -188,6 +189,9 @@ def power(
         Names every random draw.
     jobs
         Processes; 0 means one for each core.
+    progress
+        Whether a bar on standard error shows how far it is: a thousand studies of each of five sizes take a minute or
+        so on one core.
 
     Returns
     -------
@@ -203,24 +207,38 @@ def power(
         The protocol is broken.
     """
     from palpate.analysis.power import simulate
+    from palpate.experiment.cli import options
     from palpate.experiment.protocol import files
 
     study = files.load(files.named(str(protocol)))
     planned, chosen = simulate.prepare(study, model, alpha)
-    return simulate.run(
-        study,
-        planned,
-        chosen,
-        participants=participants,
-        studies=studies,
-        seed=seed,
-        target=target,
-        runner=partial(simulate.on_cores, jobs=jobs),
-    )
+    with options.progress(simulate.LABEL, quiet=not progress) as (total, tick):
+        return simulate.run(
+            study,
+            planned,
+            chosen,
+            participants=participants,
+            studies=studies,
+            seed=seed,
+            target=target,
+            runner=partial(simulate.on_cores, jobs=jobs),
+            total=total,
+            tick=tick,
+        )
 
 
-def spectrum(file: PathLike, *, channel: str | None = None, time_unit: str | None = None) -> AmplitudeSpectrum:
-    """Read one channel of a recording, and return its amplitude spectrum.
+def spectrum(
+    file: PathLike,
+    *,
+    channel: str | None = None,
+    encoding: str | None = None,
+    decimal: str | None = None,
+    time_unit: str | None = None,
+    time_column: str | None = None,
+) -> AmplitudeSpectrum:
+    """Read one channel of a recording, and return its amplitude spectrum. What is doubtful in the file is warned of.
+
+    Where an error names an option of the command, such as `--time-unit ms`, it is here the argument of that name.
 
     Parameters
     ----------
@@ -228,8 +246,14 @@ def spectrum(file: PathLike, *, channel: str | None = None, time_unit: str | Non
         A WAV file, a text file with a time column, or a LabVIEW file (.lvm).
     channel
         Its name, or its number from 1; needed where there are several.
+    encoding
+        The code page of a text file that is not UTF-8 or UTF-16.
+    decimal
+        The decimal sign of a text file that does not say: a point or a comma.
     time_unit
         The unit of the times of a text file that does not say: s, ms, us or ns.
+    time_column
+        The name of the column of times, where it does not say so or there are several.
 
     Returns
     -------
@@ -244,7 +268,10 @@ def spectrum(file: PathLike, *, channel: str | None = None, time_unit: str | Non
     from palpate.experiment.recordings.spectrum import of_file
     from palpate.experiment.settings.delimited import Stated
 
-    return of_file(Path(file), channel=channel, stated=Stated(time_unit=time_unit))
+    found = of_file(Path(file), channel=channel, stated=Stated(encoding, decimal, time_unit, time_column))
+    for doubt in found.recording.doubts:
+        warnings.warn(doubt.sentence(), stacklevel=2)
+    return found
 
 
 def crinkle(recordings: PathLike, material: str, speed_mm_s: float, *, rate_hz: int | None = None) -> Stimulus:

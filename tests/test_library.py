@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,6 +78,25 @@ def test_a_result_is_short_to_read_and_becomes_a_frame(made: Callable[[], object
     result = made()
     assert len(repr(result)) <= LONGEST_REPR
     assert len(result.to_frame()) > 1  # type: ignore[attr-defined]
+
+
+def test_a_spectrum_warns_of_what_the_command_cautions_of(tmp_path: Path) -> None:
+    """100 Hz, in milliseconds that are said to be seconds: 0.1 Hz, which no skin feels."""
+    time_ms = np.arange(400)
+    rows = (f"{t};{v:.6f}".replace(".", ",") for t, v in zip(time_ms, np.sin(0.2 * np.pi * time_ms), strict=True))
+    file = tmp_path / "logger.txt"
+    file.write_text("\n".join(["zeit;a", *rows]), "cp1252")
+    with pytest.warns(UserWarning, match="ms"):
+        palpate.spectrum(file, time_column="zeit", time_unit="s", encoding="cp1252", decimal=",")
+    with warnings.catch_warnings(action="error"):
+        found = palpate.spectrum(file, time_column="zeit", time_unit="ms", encoding="cp1252", decimal=",")
+    assert found.peaks[0].frequency_hz == pytest.approx(100.0, abs=0.01)
+
+
+def test_the_power_of_a_notebook_has_a_bar_when_asked(capfd: pytest.CaptureFixture[str]) -> None:
+    for asked in (False, True):
+        palpate.power("okamoto2012", participants=(5,), studies=1, progress=asked)
+        assert bool(capfd.readouterr().err) == asked
 
 
 def test_a_spring_pushes_as_deep_as_the_hand_is() -> None:

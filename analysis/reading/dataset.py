@@ -59,7 +59,7 @@ def read(root: Path) -> Study:
     Raises `DatasetError` for a file that is missing, broken or truncated, `OtherFormat`, and `ProtocolError` for a
     broken protocol.
     """
-    description = _json(root / "dataset_description.json", "give the folder of a dataset made by palpate")
+    description = _description(root)
     facts = _facts(description, root / "dataset_description.json")
     withdrawn, first_tasks = _participants(root / "participants.tsv")
     _refuse_strangers(root, set(withdrawn), facts["Tasks"])
@@ -208,6 +208,12 @@ def _text(path: Path, remedy: str) -> str:
         raise DatasetError(f"{path} is missing", remedy=remedy) from error
     except (OSError, UnicodeDecodeError) as error:
         raise DatasetError(f"{path} cannot be read ({storage.why(error)})", remedy=remedy) from error
+
+
+def _description(root: Path) -> dict[str, Any]:
+    if not root.is_dir():
+        raise DatasetError(root, "is no folder", "give that of a dataset, such as participants/okamoto2012")
+    return _json(root / "dataset_description.json", "give the folder of a dataset made by palpate")
 
 
 def _json(path: Path, remedy: str) -> dict[str, Any]:
