@@ -249,7 +249,8 @@ class ServoHere:
             block, ends_ns = self._under
             part = rendering.share(clock.session_ns(us), ends_ns)
             meets = block if part else None
-            self._at, touched = rendering.step(meets, self._at, us, place_mm, self._observer, self._sent_n)
+            told = self._observer, self._sent_n, self._orders.limit_n
+            self._at, touched = rendering.step(meets, self._at, us, place_mm, *told)
             touches += touched
             # The device is handed what it does not push already.
             out_n, along_n = self._at.force_n

@@ -1,17 +1,8 @@
 """Whether a device bears a block: the damping that it needs for a sampled block to be passive.
 
-Colgate and Schenkel, "Passivity of a Class of Sampled-Data Systems", Journal of Robotic Systems 14, 1997: for every
-frequency w up to pi / T, with the response H(z) from place to force,
-
-    b > T / 2 / (1 - cos w T) Re{(1 - exp(-j w T)) H(exp(j w T)) exp(-j w d)}
-
-H is that of spring and damper on what the observer believes, with the force that is sent fed back to it. A force that
-is held for several samples answers to H at all frequencies that these tell apart, w_q = w + 2 pi q / T:
-
-    b > (sqrt(|g|^2 |h|^2 - Im(sum g h)^2) - Re(sum g h)) / 2
-
-where g holds the shares of the force, and h those of the sampled places. Where nothing is known of the device's mass,
-speed is the difference of two samples, and the bound is b > K T / 2 + C.
+The condition is Colgate and Schenkel's (`stability.passive_from_n_s_m`). H is that of spring and damper on what the
+observer believes, with the force that is sent fed back to it. Where nothing is known of the device's mass, speed is the
+difference of two samples, and the bound is b > K T / 2 + C.
 """
 
 from __future__ import annotations
@@ -23,14 +14,16 @@ import numpy as np
 
 from palpate.experiment.apparatus.servo.observer import Observer, least_kg, observer_of
 from palpate.experiment.errors import RigError
+from palpate.experiment.synthesis.stepping.stability import Complexes, passive_from_n_s_m
+from palpate.experiment.synthesis.stepping.stability import needed_damping_n_s_m as differences
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.servo.settings import ServoRig
     from palpate.experiment.apparatus.tracker.settings import TrackerRig
     from palpate.experiment.protocol.kinds.tapping import Tapping
 
-FREQUENCIES = 4096
-"""So many are scanned up to pi / T: the worst is far below it."""
+NEARLY = 1.1
+"""A tracker faster than the servo by no more than this has one sample a force. Ours."""
 
 
 def needed_damping_n_s_m(
@@ -50,35 +43,31 @@ def needed_damping_n_s_m(
     corrected = np.eye(3) - np.outer(gains, [1.0, 0.0, 0.0])
     steps = [np.linalg.matrix_power(corrected @ moves, n) for n in range(samples + 1)]
     told = np.outer(sum(steps[:-1]) @ corrected @ pushed, law)
-    angle = np.linspace(0.0, np.pi, FREQUENCIES + 1)[1:]
-    before = np.exp(-1j * angle)
-    loop = np.eye(3) - before[:, None, None] * (steps[-1] - told)
-    late = np.exp(-1j * angle * delay_s / (samples * period_s))
-    turns = (angle + 2.0 * np.pi * np.arange(samples)[:, None]) / samples
-    drive = sum(np.exp(-1j * n * turns)[..., None] * (steps[n] @ gains) for n in range(samples))
-    force = np.linalg.solve(loop, np.moveaxis(drive, 0, -1)).swapaxes(1, 2) @ law * late[:, None]
-    squares = (period_s / 2 / np.sin(turns.T / 2)) ** 2
-    given = -(1.0 - before) * (force * squares).sum(axis=1)
-    sizes = np.abs(1.0 - before) ** 2 * squares.sum(axis=1) * (np.abs(force) ** 2 * squares).sum(axis=1)
-    bound = (np.sqrt(np.maximum(sizes - given.imag**2, 0.0)) - given.real) / (2 * samples * period_s)
-    return max(float(bound.max()), 0.0)
+
+    def answers(before: Complexes, each: Complexes) -> Complexes:
+        loop = np.eye(3) - before[:, None, None] * (steps[-1] - told)
+        drive = sum(each[..., None] ** n * (steps[n] @ gains) for n in range(samples))
+        force: Complexes = np.linalg.solve(loop, np.moveaxis(drive, 0, -1)).swapaxes(1, 2) @ law
+        return force
+
+    return passive_from_n_s_m(answers, period_s=period_s, delay_s=delay_s, samples=samples)
 
 
 def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[bool, str]:
     """Return whether a device may render a protocol's block, and in sentences what damping that takes, and why."""
+    k, c, samples = virtual.stiffness_n_m, virtual.damping_n_s_m, ceil(tracker.rate_hz / (NEARLY * virtual.rate_hz))
     delay_s = device.delay_ms / 1e3
-    k, c, samples = virtual.stiffness_n_m, virtual.damping_n_s_m, ceil(tracker.rate_hz / virtual.rate_hz)
+    if (longer_s := 1 / virtual.rate_hz - samples / tracker.rate_hz) > 0:
+        # So much longer a force is held, and the sample behind it has any age within a period.
+        delay_s += longer_s + 0.5 / tracker.rate_hz
     observer = observer_of(virtual, device, tracker)
     block = f"The block has {k:g} N/m and {c:g} N s/m at {virtual.rate_hz} Hz, with forces {device.delay_ms:g} ms late"
     has = f"this one has {device.damping_n_s_m:g} N s/m"
     if device.hand_damping_n_s_m:
         has += f", and {device.hand_damping_n_s_m:g} N s/m are counted on from the hand ({device.hand_damping_source})"
     if observer is None:
-        from palpate.experiment.synthesis.stepping import stability
-
-        needed = stability.needed_damping_n_s_m(
-            stiffness_n_m=k, damping_n_s_m=c, period_s=1 / min(virtual.rate_hz, tracker.rate_hz), delay_s=delay_s
-        )
+        period_s = 1 / min(virtual.rate_hz, tracker.rate_hz)
+        needed = differences(stiffness_n_m=k, damping_n_s_m=c, period_s=period_s, delay_s=delay_s)
         speed = "; the hand's speed is the difference of two samples"
     else:
         if observer.mass_kg < (least := least_kg(virtual, tracker)):

@@ -285,7 +285,8 @@ class Servo:
                 self._arrived_ns = arrived_ns
                 for us, place_mm in self._orders.places(frames):
                     pushed = self._at.state is not None
-                    self._at, touches = rendering.step(block, self._at, us, place_mm, self._observer, self._sent_n)
+                    told = self._observer, self._sent_n, self._orders.limit_n
+                    self._at, touches = rendering.step(block, self._at, us, place_mm, *told)
                     self.counts["unbelievable"] += pushed and self._at.state is None
                     for touch in touches:
                         self._line.tell(TOUCH, TOUCHED.pack(*touch), now_ns)

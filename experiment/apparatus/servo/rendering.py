@@ -10,7 +10,7 @@ after the one before or no later than it, or is too far from it: a force that be
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import copysign, hypot, inf, isfinite, sqrt
 from typing import NamedTuple
 
 from palpate.experiment.apparatus.servo.observer import Observer, Seen
@@ -18,7 +18,7 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.contact import path
 from palpate.experiment.synthesis.contact.block import Block, Pair
-from palpate.experiment.synthesis.contact.path import Left, State
+from palpate.experiment.synthesis.contact.path import Left, State, Stepped
 
 GAP_S, MOST_MM_S = 0.01, 5000.0
 """Samples farther apart are no path, s, and no hand is faster, mm/s. Ours: ten slowest periods, and taps, ten times."""
@@ -87,7 +87,10 @@ class Rendered(NamedTuple):
 
 
 def bounded(force_n: Pair, limit_n: float) -> Pair:
-    """Return a force of at most the limit, N, in its direction, also in single precision; zero if it is not finite."""
+    """Return a force of at most the limit, N, also in single precision; zero if it is not finite.
+
+    What pushes the hand out of the block comes first, and the force along the face gets what is left.
+    """
     x, y = force_n
     size = hypot(x, y)
     if not isfinite(size) or not limit_n > 0:
@@ -95,7 +98,14 @@ def bounded(force_n: Pair, limit_n: float) -> Pair:
     most = limit_n * (1 - 2**-22)
     if size <= most:
         return x, y
-    return x * (most / size), y * (most / size)
+    x, left = _out_first(x, most)
+    return x, min(max(y, -left), left)
+
+
+def _out_first(out_n: float, most_n: float) -> Pair:
+    """Return the force out of the block, up to the most, and what it leaves for the other, N."""
+    out_n = min(max(out_n, -most_n), most_n)
+    return out_n, sqrt(max(most_n * most_n - out_n * out_n, 0.0))
 
 
 def share(now_ns: int, until_ns: int) -> float:
@@ -110,10 +120,12 @@ def step(
     place_mm: Pair,
     observer: Observer | None = None,
     sent_n: Pair = NO_FORCE,
+    limit_n: float = inf,
 ) -> tuple[Rendered, tuple[Touch, ...]]:
     """Return what follows from a sample at (height, along the face), mm, and device time; it never raises.
 
-    `sent_n` is the force that was sent since the sample before, N, which an observer is told.
+    `sent_n` is the force that was sent since the sample before, N, which an observer is told. The spring along the face
+    is stretched no further than the device can hold it: its end slides with the hand.
     """
     passed_us = 0 if at.us is None else us - at.us
     # False for what is no number, too.
@@ -147,7 +159,20 @@ def step(
         for _, one in stepped.switches
         if one.kind == "touch" and armed
     )[:1]
-    return moved._replace(state=stepped.state, force_n=stepped.force_n, armed=armed and not touches), touches
+    return moved._replace(
+        state=_slid(block, stepped, limit_n), force_n=stepped.force_n, armed=armed and not touches
+    ), touches
+
+
+def _slid(block: Block, stepped: Stepped, limit_n: float) -> State:
+    """Return the state with a spring along the face that the device can hold within its limit."""
+    (at,), k = stepped.state.blocks, block.stiffness_n_m[1]
+    if isinstance(at, Left) or not at.phase:
+        return stepped.state
+    _, left_n = _out_first(stepped.force_n[0], limit_n)
+    if k * abs(at.along_m) <= left_n:
+        return stepped.state
+    return stepped.state._replace(blocks=(at._replace(along_m=copysign(left_n / k, at.along_m)),))
 
 
 def _outside(block: Block, hand_m: Pair) -> State | None:

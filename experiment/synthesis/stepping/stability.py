@@ -18,6 +18,12 @@ from palpate.experiment.synthesis.stepping.steppers import EXACT, stepper
 UNSTABLE = 1e-14
 """By how much the largest eigenvalue may be above 1 by rounding."""
 
+FREQUENCIES = 4096
+"""So many are scanned up to pi / T: the worst is often far below it."""
+
+Complexes = NDArray[np.complex128]
+Answers = Callable[[Complexes, Complexes], Complexes]
+
 PAPER_RATE_HZ, PAPER_STIFFNESS_N_M, PAPER_DAMPING_N_S_M = 2500.0, 2500.0, 100.0
 """The servo and the block of Wellman and Howe's virtual task; the paper prints no mass, and N/m/s for the damping."""
 
@@ -89,16 +95,44 @@ def limit(method: str, *, damping_ratio: float) -> float:
 def needed_damping_n_s_m(*, stiffness_n_m: float, damping_n_s_m: float, period_s: float, delay_s: float = 0.0) -> float:
     """Return the physical damping b that a device needs for a sampled wall to be passive, N s/m.
 
-    The wall is a spring and a damper by backward difference (Colgate and Schenkel 1997, as in `decisions.md`).
+    The wall is a spring and a damper by backward difference.
 
     Raises `SynthesisError` unless all are finite, K, C and the delay at least zero, and the period above zero.
     """
     _sampled(stiffness_n_m, damping_n_s_m, period_s, delay_s)
-    if delay_s == 0:
-        return stiffness_n_m * period_s / 2 + damping_n_s_m
-    n = delay_s / period_s
-    spring, damper = _bounds(n)
-    return float(np.max(stiffness_n_m * period_s / 2 * spring - damping_n_s_m * damper))
+
+    def answers(before: Complexes, _: Complexes) -> Complexes:
+        return (stiffness_n_m + damping_n_s_m * (1.0 - before) / period_s)[:, None]
+
+    return passive_from_n_s_m(answers, period_s=period_s, delay_s=delay_s)
+
+
+def passive_from_n_s_m(answers: Answers, *, period_s: float, delay_s: float = 0.0, samples: int = 1) -> float:
+    """Return the least physical damping b for which a sampled force is passive, N s/m.
+
+    Colgate and Schenkel, "Passivity of a Class of Sampled-Data Systems", Journal of Robotic Systems 14, 1997: for every
+    frequency w up to pi / T, with the response H(z) from place to force,
+
+        b > T / 2 / (1 - cos w T) Re{(1 - exp(-j w T)) H(exp(j w T)) exp(-j w d)}
+
+    A force that is held for several samples answers to H at all frequencies that these tell apart, w_q = w + 2 pi q /
+    T:
+
+        b > (sqrt(|g|^2 |h|^2 - Im(sum g h)^2) - Re(sum g h)) / 2
+
+    where g holds the shares of the force, and h those of the sampled places. `answers` gives H, N/m, shape (n,
+    samples), at 1 / z of the force, shape (n,), and of the samples, shape (samples, n); `period_s` is between samples.
+    """
+    angle = np.linspace(0.0, pi, FREQUENCIES + 1)[1:]
+    before = np.exp(-1j * angle)
+    turns = (angle + 2.0 * pi * np.arange(samples)[:, None]) / samples
+    late = np.exp(-1j * angle * delay_s / (samples * period_s))
+    force = answers(before, np.exp(-1j * turns)) * late[:, None]
+    squares = (period_s / 2 / np.sin(turns.T / 2)) ** 2
+    given = -(1.0 - before) * (force * squares).sum(axis=1)
+    sizes = np.abs(1.0 - before) ** 2 * squares.sum(axis=1) * (np.abs(force) ** 2 * squares).sum(axis=1)
+    bound = (np.sqrt(np.maximum(sizes - given.imag**2, 0.0)) - given.real) / (2 * samples * period_s)
+    return max(float(bound.max()), 0.0)
 
 
 def of_the_paper() -> str:
@@ -136,13 +170,6 @@ def _last(holds: Callable[[float], bool], first: float, last: float) -> float:
         middle = (good + bad) / 2
         good, bad = (middle, bad) if holds(middle) else (good, middle)
     return float(good)
-
-
-def _bounds(periods: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what multiplies K T / 2 and -C over 0 < q <= pi, for a delay of so many periods."""
-    q = np.linspace(0.0, pi, 4096 * (2 + int(periods)) + 1)
-    q[0] = 1e-9
-    return np.sin((0.5 + periods) * q) / np.sin(q / 2), np.cos((1 + periods) * q)
 
 
 def _sampled(stiffness_n_m: float, damping_n_s_m: float, period_s: float, delay_s: float) -> None:

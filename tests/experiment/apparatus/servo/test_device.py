@@ -50,7 +50,7 @@ def test_what_is_pushed_is_bounded_and_nothing_at_the_end() -> None:
         ours.close()
         sent.append(decode(received(theirs)))
     assert [one[0] for one in sent if one] == [0, 1, 2]
-    assert [one[1] for one in sent if one] == [pytest.approx((1.2, 1.6)), (0.0, 0.0), (0.0, 0.0)]
+    assert [one[1] for one in sent if one] == [pytest.approx((2.0, 0.0)), (0.0, 0.0), (0.0, 0.0)]
 
 
 def test_a_force_that_waited_for_longer_than_the_device_holds_one_is_none() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import hypot, inf
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,9 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.apparatus import rig
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.servo import passivity
-from palpate.experiment.apparatus.servo.observer import Observer
+from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, Observer
 from palpate.experiment.apparatus.servo.settings import ServoRig
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.errors import RigError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
@@ -137,6 +138,42 @@ def test_a_tracker_that_is_faster_than_the_servo_asks_for_more_and_a_slower_one_
     assert [passivity.judged(PAPER, device(**told), one)[0] for one in (TRACKER, fast)] == [True, False]
     untold = device(damping_n_s_m=101.0)
     assert [passivity.judged(PAPER, untold, one)[0] for one in (TRACKER, slow)] == [True, False]
+
+
+def test_a_tracker_that_is_a_little_faster_counts_as_one_sample_a_force() -> None:
+    """2600 and 2500 Hz meet again after 10 ms: the whole loop of 26 samples and 25 forces, by its eigenvalues."""
+    little = TRACKER.model_copy(update={"rate_hz": 2600})
+    assert [bears_at(little, n_s_m) for n_s_m in (4.2, 4.3)] == [False, True]
+    observer = Observer(1 / 2600, hypot(5e-6, QUANTUM_SD * 1e-6), 0.05)
+    loads = [(kg, n_m) for kg in (0.05, 0.1, 0.3) for n_m in np.geomspace(1e5, 3e6, 15)]
+    assert not any(_grows_beside(observer, b=4.3, kg=kg, n_m=n_m) for kg, n_m in loads)
+    assert any(_grows_beside(observer, b=3.5, kg=kg, n_m=n_m) for kg, n_m in loads)
+
+
+def bears_at(tracker: TrackerRig, damping_n_s_m: float) -> bool:
+    return passivity.judged(PAPER, device(damping_n_s_m=damping_n_s_m, tip_mass_kg=0.1), tracker)[0]
+
+
+def _grows_beside(observer: Observer, *, b: float, kg: float, n_m: float) -> bool:
+    """As `grows`, of a servo of 2500 Hz beside the observer's samples."""
+    alpha, beta, gamma = observer.gains
+    period = observer.period_s
+    ahead = np.array([[1.0, period, period**2 / 2], [0.0, 1.0, period], [0.0, 0.0, 1.0]])
+    sampled = np.eye(6)
+    sampled[2:5, 2:5], sampled[2:5, 5] = ahead, -np.array([period**2 / 2, period, 0.0]) / observer.mass_kg
+    off = np.eye(6)[0] - sampled[2]
+    sampled[2:5] += np.outer([alpha, beta / period, gamma / period**2], off)
+    pushed = np.eye(6)
+    pushed[5] = [0.0, 0.0, 2500.0, 100.0, 0.0, 0.0]
+    events = sorted([(n / 2600, 0) for n in range(26)] + [((n + 0.5) / 2500, 1) for n in range(25)])
+    gaps = np.diff([at for at, _ in events], append=[0.01 + events[0][0]])
+    plant = np.array([[0.0, 1.0, 0.0], [-n_m / kg, -b / kg, -1 / kg], [0.0, 0.0, 0.0]])
+    whole = np.eye(6)
+    for (_, pushes), moved in zip(events, expm(plant * gaps[:, None, None]), strict=True):
+        moves = np.eye(6)
+        moves[:2, :2], moves[:2, 5] = moved[:2, :2], moved[:2, 2]
+        whole = moves @ (pushed if pushes else sampled) @ whole
+    return bool(np.abs(np.linalg.eigvals(whole)).max() > 1.0 + 1e-9)
 
 
 def test_what_moves_too_little_is_refused_however_much_damping_it_has() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import hypot, inf, nan
 
 import numpy as np
@@ -148,9 +149,49 @@ def test_a_limit_that_is_none_allows_no_force(limit_n: float) -> None:
     assert bounded((1.0, 1.0), limit_n) == NO_FORCE
 
 
-def test_a_force_that_is_bounded_keeps_its_direction() -> None:
+def test_the_force_out_of_the_block_comes_first_within_the_limit() -> None:
     assert bounded((0.3, 0.4), 1.0) == (0.3, 0.4)
-    assert bounded((30.0, 40.0), 1.0) == pytest.approx((0.6, 0.8))
+    assert bounded((0.6, -40.0), 1.0) == pytest.approx((0.6, -0.8))
+    assert bounded((30.0, 40.0), 1.0) == pytest.approx((1.0, 0.0), abs=1e-3)
+
+
+def dragged(path_mm: list[Pair], *, limit_n: float = 3.0) -> list[Pair]:
+    """Return the force sent at each place of a path that begins above the face, a sample a place."""
+    block = Block((2500.0, 2500.0), (0.0, 0.0), (inf, inf), into=(-1.0, 0.0))
+    at, forces = Rendered(), []
+    for n, place_mm in enumerate(path_mm):
+        at, _ = step(block, at, n * DT_US, place_mm, None, NO_FORCE, limit_n)
+        forces.append(bounded(at.force_n, limit_n))
+    return forces
+
+
+def straight(begin: Pair, end: Pair, n: int = 400) -> list[Pair]:
+    return [(begin[0] + (end[0] - begin[0]) * i / n, begin[1] + (end[1] - begin[1]) * i / n) for i in range(1, n + 1)]
+
+
+def test_a_hand_that_is_dragged_along_the_face_feels_all_of_the_force_out_of_it() -> None:
+    """Half a millimetre inside of 2500 N/m is 1.25 N; the face has what that leaves of 3 N."""
+    forces = dragged([*straight((1.0, 0.0), (-0.5, 0.0)), *straight((-0.5, 0.0), (-0.5, 10.0))])
+    assert forces[-1] == pytest.approx((1.25, -((9 - 1.25**2) ** 0.5)), rel=1e-6)
+    back = dragged([*straight((1.0, 0.0), (-0.5, 0.0)), *straight((-0.5, 0.0), (-0.5, 10.0)), (-0.5, 9.5), (-0.5, 8.5)])
+    # The spring was stretched by 1.09 mm, and begins there.
+    assert [along for _, along in back[-2:]] == pytest.approx([-2.7271 + 1.25, -2.7271 + 3.75], rel=1e-3)
+
+
+def test_no_way_round_along_the_face_takes_energy_from_the_limit() -> None:
+    """Drawn out while pressed hard, where nothing is left for the face, and let back where much is."""
+    deep, light = -1.2, -0.1
+    around = [(deep, 0.0), (deep, 8.0), (light, 8.0), (light, -2.0), (deep, -2.0), (deep, 0.0)]
+    path = straight((1.0, 0.0), around[0])
+    begins = len(path)
+    for one, other in pairwise(around):
+        path += straight(one, other)
+    forces = dragged(path)
+    given_mj = [
+        (x * (at[0] - was[0]) + y * (at[1] - was[1]))
+        for (x, y), was, at in zip(forces[begins:], path[begins - 1 : -1], path[begins:], strict=True)
+    ]
+    assert sum(given_mj) < 0.0
 
 
 @given(st.lists(st.tuples(st.integers(-(2**40), 2**40), ANY, ANY), max_size=30))
