@@ -18,7 +18,7 @@ from scipy import signal
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.movement import Movement
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.wires.modes import FINER, Mode, Modes, poles_and_residues, read, respond
+from palpate.experiment.rehearsal.wires.modes import FINER, Mode, Modes, Resonance, poles_and_residues, read, respond
 from palpate.experiment.synthesis.waveforms import Ring
 from tests.benchmarks.drift import FULL_SCALE_V, RATE_HZ, reference
 
@@ -31,6 +31,21 @@ def panel_of(*modes: tuple[float, float, float]) -> Modes:
     """The panel of one mode with others in its place: frequency, damping and part of each."""
     made = tuple(Mode(frequency_hz=hz, damping=damping, part=part) for hz, damping, part in modes)
     return ONE_MODE.model_copy(update={"modes": made})
+
+
+def resting(suspension: tuple[float, float], *modes: tuple[float, float, float]) -> Modes:
+    """A panel on a suspension of its own: frequency and damping."""
+    frequency_hz, damping = suspension
+    return panel_of(*modes).model_copy(update={"suspension": Resonance(frequency_hz=frequency_hz, damping=damping)})
+
+
+def drawn(number: int) -> Modes:
+    """A panel that nobody chose: one to four modes that move alike, damped by 2 to 12 %, on 20 to 60 Hz."""
+    rng = np.random.default_rng(1000 + number)
+    hz = 70.0 * 7.0 ** ((np.arange(1 + number % 4) + rng.uniform(0.1, 0.9, 1 + number % 4)) / (1 + number % 4))
+    parts = rng.uniform(0.2, 1.0, hz.size)
+    modes = zip(hz.tolist(), rng.uniform(0.02, 0.12, hz.size).tolist(), (parts / parts.sum()).tolist(), strict=True)
+    return resting((float(rng.uniform(20.0, 60.0)), float(rng.uniform(0.1, 0.4))), *modes)
 
 
 PANELS: Mapping[str, Modes] = {

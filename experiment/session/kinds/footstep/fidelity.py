@@ -132,7 +132,8 @@ UNKNOWN = "nobody measured which frequencies its actuator carries"
 class MostLeftOut:
     """The largest share (rms) that a rig leaves out of any vibration: in words, and by remedy what that would lower.
 
-    What of a vibration is left is `weaker` besides, in words, where limits take it down; empty where they never do.
+    What of a vibration is left is `weaker` besides, in words, where limits take it down, or off where an inverse misses
+    some of it; empty where neither is so.
     """
 
     share: float
@@ -160,8 +161,12 @@ def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tupl
     ]
     budget, speed_mm_s, material = max(every, key=lambda one: one[0].left_out)
     down, at_mm_s, of_material = max(every, key=lambda one: one[0].taken_down)
+    off, off_mm_s, off_material = max(every, key=lambda one: one[0].inverse)
     taken = f"{down.taken_down:.1%} (rms) off {of_material} at {at_mm_s:.0f} mm/s"
-    weaker = f"limits of panel and amplifier take up to {taken}" if down.taken_down >= WEAKER else ""
+    missed = f"{off.inverse:.1%} (rms) of {off_material} at {off_mm_s:.0f} mm/s"
+    said = [f"limits of panel and amplifier take up to {taken}"] if down.taken_down >= WEAKER else []
+    said += [f"the inverse of the panel misses up to {missed}"] if off.inverse >= WEAKER else []
+    weaker = "; ".join(said)
     if budget.left_out < SHOWN:
         return MostLeftOut(budget.left_out, "nothing", (), weaker)
     parts = [(float(getattr(budget, field)), name, remedy) for field, name, remedy in causes(carries_hz)[:LEAVING_OUT]]

@@ -201,6 +201,11 @@ def test_what_limits_take_off_most_is_told_of_whichever_scene(approved: Snapshot
     assert told.pop() == approved
 
 
+def test_what_an_inverse_misses_is_told_of_where_nothing_is_left_out(approved: SnapshotAssertion) -> None:
+    of = Fidelity((20.0, 40.0), (Budget(1.0, 0.0, inverse=0.01), Budget(1.0, 0.0, inverse=0.178)))
+    assert most_left_out([{"felt": of}], (8.9, 563.0)).weaker == approved
+
+
 def test_a_dead_band_within_the_table_is_what_is_told_of(approved: SnapshotAssertion) -> None:
     dead = Detailed((20.0,), (Budget(1.0, 0.0, above=0.1, held_back=0.3),), (1.0,), (), None, None)
     most = most_left_out([{"felt": dead}], (10.0, 600.0))
