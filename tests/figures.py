@@ -47,18 +47,17 @@ class Figure:
         return f"{shown}: {'; '.join((*self.where[:SHOWN], *(('...',) if len(self.where) > SHOWN else ())))}"
 
 
-def figures() -> tuple[Figure, ...]:
-    """Return every figure: of the files that git tracks, and of the imports between modules."""
+def figures(sources: tuple[Source, ...]) -> tuple[Figure, ...]:
+    """Return every figure: of the source, of the tests that git tracks, and of the imports between modules."""
     # A third of the time would go to looking for circles in syntax trees, which have none.
     gc.disable()
     try:
-        return _all_figures()
+        return _all_figures(sources)
     finally:
         gc.enable()
 
 
-def _all_figures() -> tuple[Figure, ...]:
-    sources = read_sources(tracked_files(*FOLDERS))
+def _all_figures(sources: tuple[Source, ...]) -> tuple[Figure, ...]:
     return (
         *_room_figures(),
         *_import_figures(sources),
@@ -108,7 +107,7 @@ def _figure(name: str, places: Iterable[str], most: int) -> Figure:
 
 
 if __name__ == "__main__":
-    found = figures()
+    found = figures(read_sources(tracked_files(*FOLDERS)))
     # With words of a figure's name: each place that it counts.
     if words := " ".join(sys.argv[1:]):
         print("\n".join(place for figure in found if words in figure.name for place in figure.where))

@@ -128,22 +128,28 @@ print(sorted({"matplotlib", "pandas", "scipy"} & set(sys.modules)), file=sys.std
     assert (done.returncode, done.stderr.strip()) == (0, "[]"), done.stdout
 
 
-def test_the_house_is_no_larger_than_its_plan() -> None:
-    above = [figure.line for figure in figures() if figure.found > figure.most]
+@pytest.fixture(scope="module")
+def sources() -> tuple[Source, ...]:
+    """Every Python file of the source, each parsed once."""
+    return read_sources(tracked_files(*FOLDERS))
+
+
+def test_the_house_is_no_larger_than_its_plan(sources: tuple[Source, ...]) -> None:
+    above = [figure.line for figure in figures(sources) if figure.found > figure.most]
     assert not above, "\n".join(above)
 
 
-def test_nothing_takes_an_error_of_ours_for_a_text() -> None:
+def test_nothing_takes_an_error_of_ours_for_a_text(sources: tuple[Source, ...]) -> None:
     """Whoever needs a part of it has its finding; whoever says more of it carries the finding on."""
-    sources = [one for one in read_sources(tracked_files(*FOLDERS)) if one.path not in RENDERERS]
-    assert [place for one in sources for place in errors_in_text(one, ERRORS)] == []
+    places = [place for one in sources if one.path not in RENDERERS for place in errors_in_text(one, ERRORS)]
+    assert places == []
 
 
-def test_a_function_has_a_name_that_says_what_it_gives_or_does() -> None:
+def test_a_function_has_a_name_that_says_what_it_gives_or_does(sources: tuple[Source, ...]) -> None:
     """A participle of what was told or held, or a preposition, says nothing where it is called."""
     named = [
         one.place(node)
-        for one in read_sources(tracked_files(*FOLDERS))
+        for one in sources
         for node in one.nodes
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name.strip("_") in NO_NAMES
     ]

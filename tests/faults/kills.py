@@ -522,6 +522,7 @@ def made(rows: dict[str, int]) -> Iterator[Count]:
             }
             for number in range(LABORATORIES)
         ]
+        # One without a row would start all its parts in vain.
         running = [
             subprocess.Popen(
                 [sys.executable, "-m", "tests.faults.kills", f"{folder}/{number}", str(number), json.dumps(share)],
@@ -529,6 +530,7 @@ def made(rows: dict[str, int]) -> Iterator[Count]:
                 env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
             )
             for number, share in enumerate(shares)
+            if any(share.values())
         ]
         told = [json.loads(one.communicate()[0]) for one in running]
     for row in [*rows, UNHURT]:
