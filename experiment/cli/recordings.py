@@ -168,16 +168,16 @@ def plan(
 ) -> None:
     """Print what a task needs and what it leaves out.
 
-    A task that plays no recordings has no spectra to leave out, and no such plan. Each omission is printed with the
-    time and memory that it saves and the error that it causes, measured on this machine while you wait, and so is a
-    process of each task, on a simulated rig. The exit code is 2 where the protocol does not allow what the rig leaves
-    out.
+    Each omission is printed with the time and memory that it saves and the error that it causes, measured on this
+    machine while you wait, and so is a process of each task, on a simulated rig. Of taps on virtual surfaces it prints
+    how far the force on a simulated hand is off, cause by cause. The exit code is 2 where the protocol does not allow
+    what the rig leaves out, or so large an error.
     """
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.protocol import files
-    from palpate.experiment.rehearsal import held
+    from palpate.experiment.rehearsal import held, study
 
-    rig_file = rig or files.shipped("rigs/rehearsal.toml")
+    rig_file = rig or study.simulated_rig(files.load(protocol_file))
     with options.progress("plan", quiet=as_json) as bar:
         source, named, plans = held.plans(protocol_file, rig_file, task, recordings, bar, day(wall_ns()))
     document = {"recordings": source, "rig": named, "tasks": [one.as_dict() for one in plans]}

@@ -406,7 +406,7 @@ class Protocol(Confined):
 
     RULES: ClassVar[Rules] = rules.protocol
 
-    format: Literal[2, 3, 4, 5, 6]
+    format: Literal[2, 3, 4, 5, 6, 7]
     study: Study
     ethics: Ethics
     eligibility: Eligibility

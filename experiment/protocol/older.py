@@ -65,6 +65,10 @@ def stated(place: Place) -> Place:
     return place
 
 
+LATER = ("surfaces", "force_error_max")
+"""Keys of `[tapping]` that `[comparison.virtual]` had not."""
+
+
 def restore(document: dict[str, Any]) -> None:
     """Put back into the plain form of a protocol what its older format has elsewhere; it loses no key."""
     tapping, kinds = document["tapping"], {own["kind"]: kind for kind, own in TASKS.items()}
@@ -74,5 +78,5 @@ def restore(document: dict[str, Any]) -> None:
     for task in document["tasks"]:
         task["kind"] = kinds[task["kind"]]
     if document["comparison"] is not None:
-        virtual = {key: value for key, value in tapping.items() if key != "surfaces"} if tapping else None
+        virtual = {key: value for key, value in tapping.items() if key not in LATER} if tapping else None
         document["comparison"]["virtual"] = virtual

@@ -13,11 +13,12 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from datetime import date
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment import storage
-from palpate.experiment.errors import Finding, PalpateError, Remedy, ScheduleError, SessionError
+from palpate.experiment.errors import Finding, PalpateError, ScheduleError, SessionError
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.rig import Rig
@@ -82,8 +83,7 @@ def plans(
     """Return which recordings and rig were planned with, and plans of a task or, for None, of every task.
 
     Recordings are simulated where there are none. A plan of vibrations refuses a real rig whose panel does not count as
-    measured `today`. Raises as `scene_cost.plan`, and `ScheduleError` where no recordings are played, or for an unknown
-    task.
+    measured `today`. Raises as `scene_cost.plan`, and `ScheduleError` for an unknown task.
     """
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.protocol import files
@@ -94,14 +94,11 @@ def plans(
     if not asked:
         known = ", ".join(one.id for one in protocol.tasks)
         raise ScheduleError(f"no task '{task}' in study {protocol.study.id}", remedy=f"its tasks: {known}")
+    name = f"{rig.rig.name} ({'SIMULATED' if rig.rig.simulated else 'real'})"
     tasks = [one.id for one in asked if session_kind(one).recordings]
     if not tasks:
-        raise ScheduleError(
-            f"study {protocol.study.id}",
-            f"got trials of the kind '{asked[0].kind}'",
-            Remedy("ask {} what the rig renders", ("palpate", "check", str(protocol_file), "--rig", str(rig_file))),
-            allowed="a kind that plays recordings, for a plan says which spectra and bins a task leaves out",
-        )
+        kind = import_module(f"palpate.experiment.session.kinds.{asked[0].kind}.plan")
+        return "no recordings", name, [kind.plan(protocol=protocol, rig=rig, task=one) for one in asked]
     from palpate.experiment.apparatus.panel.conditioning import open_drive
     from palpate.experiment.apparatus.panel.validity import unmeasured_panel
     from palpate.experiment.recordings import manifest
@@ -123,7 +120,7 @@ def plans(
             process = _process(protocol_file, rig_file, rig, one, recordings)
             made.append(with_refusal(plan(task_id=one, process=process), unmeasured))
             tick()
-    return source, f"{rig.rig.name} ({'SIMULATED' if rig.rig.simulated else 'real'})", made
+    return source, name, made
 
 
 def _process(protocol_file: Path, rig_file: Path, rig: "Rig", task: str, recordings: Path) -> str:

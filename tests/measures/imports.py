@@ -65,7 +65,10 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     ),
     "tapping": (
         "experiment/apparatus/doctor/force.py",
-        *(f"experiment/apparatus/servo/{name}.py" for name in ("device", "link", "opening", "process", "rendering")),
+        *(
+            f"experiment/apparatus/servo/{name}.py"
+            for name in ("budget", "device", "link", "opening", "process", "rendering")
+        ),
         "experiment/dataset/kinds/tapping.py",
         "experiment/dataset/kinds/tapping.toml",
         "experiment/protocol/kinds/tapping.py",

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.rig import Rig, tracker_of
-from palpate.experiment.apparatus.servo import passivity
+from palpate.experiment.apparatus.servo import budget, passivity
 from palpate.experiment.apparatus.servo.device import ForceDevice
 from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE
@@ -52,6 +52,11 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
     limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
     yield passed("force limit", f"nothing above {limit_n:g} N is sent; the device makes {device.full_scale_n:g} N")
     fits, why = passivity.judged(virtual, device, tracker_of(rig))
+    right, felt = budget.judged(virtual, device, tracker_of(rig), limit_n=limit_n)
+    most = virtual.force_error_max
+    allowed = "any error: the protocol sets no limit" if most is None else f"up to {100 * most:.6g} %"
+    remedy = "take a sensor with less noise, or a block with less damping"
+    yield judged("force felt", right, felt, allowed=allowed, remedy=remedy)
     yield judged("block", fits, why, allowed="passive", remedy="take a softer block, or a device with more damping")
 
 

@@ -35,6 +35,8 @@ class ServoRig(Confined):
             sent; without it, speed is the difference of two samples.
         hand_damping_n_s_m: what is counted on from a finger beside the device's own damping; 0 if left out.
         hand_damping_source: who measured that.
+        band_hz: up to where the device's force follows what it is sent, at -3 dB, as measured; every frequency if left
+            out.
     """
 
     RULES: ClassVar[Rules] = _servo_rules
@@ -48,6 +50,7 @@ class ServoRig(Confined):
     tip_mass_kg: Annotated[float, Field(gt=0, le=10)] | None = Field(None, json_schema_extra={"since": 6})
     hand_damping_n_s_m: Annotated[float, Field(ge=0, le=100)] | None = Field(None, json_schema_extra={"since": 6})
     hand_damping_source: Line | None = Field(None, json_schema_extra={"since": 6})
+    band_hz: Annotated[float, Field(gt=0, le=1e5)] | None = Field(None, json_schema_extra={"since": 6})
 
     @property
     def borne_n_s_m(self) -> float:

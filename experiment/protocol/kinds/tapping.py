@@ -43,6 +43,9 @@ class Tapping(KindTable):
         decay_per_s: B, how fast every vibration fades.
         fastest_mm_s: a lamp says when the hand is faster.
         surfaces: how the surface of each material vibrates.
+        force_error_max: by how much the force may be off (rms, as a part of the block's law within the limit of force)
+            when a simulated hand rests inside or taps; no participant is run on a rig that is off by more, or of which
+            nobody knows.
     """
 
     switch_key: Key
@@ -54,6 +57,7 @@ class Tapping(KindTable):
     decay_per_s: Annotated[float, Field(ge=20, le=10_000)]
     fastest_mm_s: Annotated[float, Field(gt=0, le=1000)]
     surfaces: tuple[VirtualSurface, ...] = ()
+    force_error_max: Annotated[float, Field(gt=0, le=1)] | None = Field(None, json_schema_extra={"since": 7})
 
 
 def rendered(protocol: Protocol) -> Tapping | None:

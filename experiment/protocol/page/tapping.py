@@ -29,6 +29,7 @@ def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
         f"and is never above {number(protocol.exposure.force_peak_n or 0.0)} N. It falls to zero, as does the "
         "vibration, where the device, the tracker or the program fails."
     )
+    yield Said(_force(protocol.exposure.force_peak_n or 0.0, virtual))
     yield Said(
         "At the touch the finger is vibrated as a tap rings: a sinusoid that fades by exp(-t B), with B = "
         f"{number(virtual.decay_per_s)} /s, and grows with the speed of the tap. Its frequency, and its amplitude at "
@@ -42,6 +43,27 @@ def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
         f"experimenter presses [{virtual.switch_key}]. No answer is taken before both were tapped. A lamp says when "
         f"the hand is faster than {number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer "
         "was right."
+    )
+
+
+def _force(limit_n: float, virtual: Tapping) -> str:
+    """Return what the block asks of a device, beside what it may get, and how far the force may be off."""
+    k, c, fastest = virtual.stiffness_n_m, virtual.damping_n_s_m, virtual.fastest_mm_s
+    asked_n = c * fastest * 1e-3
+    said = f"At a touch of {number(fastest)} mm/s the damper asks {asked_n:.4g} N"
+    if asked_n > limit_n:
+        said += f", and the participant feels {number(limit_n)} N of it at most"
+    said += (
+        ". Where speed is the difference of two samples, a block that is held needs a device with "
+        f"{k / virtual.rate_hz / 2 + c:.4g} N s/m of its own, K T / 2 + C, so that it gives no energy to the hand "
+        "(Colgate and Schenkel 1997); an observer that is told the force it sent needs less, and no participant is "
+        "run on a rig that has less than it needs. "
+    )
+    if virtual.force_error_max is None:
+        return f"{said}No limit is set on how far the force may be off."
+    return (
+        f"{said}Nor is one run on a rig whose force is off by more than {number(100 * virtual.force_error_max)} % "
+        "(rms, of the block's force within the limit) when a simulated hand rests inside or taps."
     )
 
 

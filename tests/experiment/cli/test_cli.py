@@ -665,15 +665,19 @@ class TestALaboratorysStudy:
         assert (code, "Trial" in out, "for 200 ms" in err) == (2, False, True)
 
 
-def test_a_plan_names_its_rig_and_is_of_recordings(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plan_names_its_rig_and_what_is_off(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     # What is left out is measured, and not asked for here.
     monkeypatch.setattr("palpate.experiment.session.kinds.footstep.scene_cost.REPEATS", 1)
     code, out, err = palpate("plan", "okamoto2012", "--task", "real")
     named = tomllib.loads(shipped("rigs/rehearsal.toml").read_text("utf-8"))["rig"]["name"]
     assert (code, f"\nRig: {named} (SIMULATED)\n" in out) == (0, True), err
     code, out, err = palpate("plan", "wellman1995")
-    assert (code, out, len(lines(err))) == (2, "", 1)
-    assert "'tapping'; allowed:" in err
+    assert (code, "\nRig: tapping (SIMULATED)\n" in out) == (0, True), err
+    code, out, _ = palpate("plan", "wellman1995", "--json")
+    live, virtual = json.loads(out)["tasks"]
+    assert (live["force"], live["needs"]) == (None, ["screen and keys", "journal"])
+    assert [row["cause"] for row in virtual["force"]][-2:] == ["trembling", "limit"]
+    assert {0.03 < virtual["force"][-2]["rest"] < 0.06, 0.4 < virtual["force"][-2]["175 mm/s"] < 0.7} == {True}
 
 
 def test_errors_of_a_rig_file_stand_in_lines_of_their_own(palpate: Palpate, tmp_path: Path) -> None:

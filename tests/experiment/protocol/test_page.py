@@ -101,7 +101,8 @@ FULL = ProtocolFile.model_validate(changed(PLANNED, ("analysis", 0, "correction"
 microphone."""
 
 PAIRS = tapping.protocol(tie_key="3")
-RENDERED = ProtocolFile.model_validate(changed(tapping.rendering(), ("tapping", "mass_kg"), 2.0))
+MOVED = changed(tapping.rendering(), ("tapping", "mass_kg"), 2.0)
+RENDERED = ProtocolFile.model_validate(changed(MOVED, ("tapping", "force_error_max"), 0.5))
 
 TABLES = {
     "footstep": ("footstep", FULL.table(Footstep)),

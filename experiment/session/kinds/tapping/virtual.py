@@ -15,7 +15,7 @@ from palpate.experiment.apparatus.panel.conditioning import open_conditioner, op
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.apparatus.rig import Rig, tracker_of
-from palpate.experiment.apparatus.servo import passivity
+from palpate.experiment.apparatus.servo import budget, passivity
 from palpate.experiment.apparatus.servo.link import Servo
 from palpate.experiment.apparatus.servo.opening import open_servo, servo_of
 from palpate.experiment.apparatus.tracker import zeroing
@@ -68,7 +68,6 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     if not rig.rig.simulated:
         passivity.refuse_beyond(virtual, device, tracker_of(rig), rig=rig.rig.name)
         zeroing.check_age(rig, day(clock.now_ns()))
-    limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     address = ends.panel(opened)
     actuator = opening.open_actuator(
@@ -89,7 +88,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     servo = open_servo(
         rig,
         virtual,
-        limit_n=limit_n,
+        limit_n=limit_n(protocol, rig),
         clock=clock,
         port=port,
         address=force,
@@ -105,22 +104,32 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
-    passivity.refuse_beyond(protocol.table(Tapping), servo_of(rig), tracker_of(rig), rig=rig.rig.name)
+    virtual, device, tracker = protocol.table(Tapping), servo_of(rig), tracker_of(rig)
+    passivity.refuse_beyond(virtual, device, tracker, rig=rig.rig.name)
+    budget.refuse_beyond(virtual, device, tracker, limit_n=limit_n(protocol, rig), rig=rig.rig.name)
     refuse_unmeasured(rig_file, rig, today)
     zeroing.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
 
 
 def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tuple[str, PalpateError | None]:
-    """Return what the board reads of a rig, and why it bears no block of the protocol, if so; raises as `left_out`."""
-    bears, told = passivity.judged(protocol.table(Tapping), servo_of(rig), tracker_of(rig))
+    """Return what the board reads of a rig, and why no participant is run on it, if so; raises as `left_out`."""
+    virtual, device, tracker = protocol.table(Tapping), servo_of(rig), tracker_of(rig)
+    bears, told = passivity.judged(virtual, device, tracker)
+    right, felt = budget.judged(virtual, device, tracker, limit_n=limit_n(protocol, rig))
     planar = "is planar: the block" if tracker_of(rig).readings == 2 else "is not planar: nothing"
     omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
-    told = f"{told} The tracker {planar} pushes along the face." + (
+    told = f"{told} {felt} The tracker {planar} pushes along the face." + (
         f" Of its vibrations, {omitted}." if omitted else ""
     )
-    refusal = RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
-    return told, None if bears else refusal
+    if not bears:
+        return told, RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
+    return told, None if right else RigError.at(budget.refusal(virtual, felt, rig=rig.rig.name))
+
+
+def limit_n(protocol: Protocol, rig: Rig) -> float:
+    """Return the largest force that a rig gives in a study, N."""
+    return min(protocol.exposure.force_peak_n or 0.0, servo_of(rig).full_scale_n)
 
 
 def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:

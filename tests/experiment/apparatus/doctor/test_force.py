@@ -47,7 +47,7 @@ def test_a_device_that_answers_is_told_with_limit_and_block(
         # However long a busy machine lets the simulated device wait for its turn.
         found = looked_at(device.address, changed(answer_ms=60_000.0, damping_n_s_m=110.0, tip_mass_kg=None))
         alone = looked_at(device.address, changed(answer_ms=60_000.0), protocol=None)
-    assert list(found) == ["force device", "force answers", "force rate", "force limit", "block"]
+    assert list(found) == ["force device", "force answers", "force rate", "force limit", "force felt", "block"]
     assert {found[name].verdict for name in ("force device", "force answers", "force limit", "block")} == {"passes"}
     assert found["force limit"].what == approved
     assert found["force rate"].allowed == "2500 a second, less 1 %"
