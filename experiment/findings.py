@@ -52,6 +52,11 @@ class Finding:
     verdict: Verdict = "refuses"
     check: str = ""
 
+    @property
+    def refuses(self) -> bool:
+        """Whether nothing goes on before it is mended; a warning is only told."""
+        return self.verdict == "refuses"
+
     def place(self, root: Path | None = None) -> str:
         """Return where it was found; a file below `root` by its path in there."""
         if isinstance(self.where, Path) and root is not None and root in self.where.parents:

@@ -1,6 +1,7 @@
 """What `import palpate` hands out: functions for notebooks and scripts, each of which returns one value.
 
-Nothing here draws a figure or writes a file. A value has `to_frame()`, a pandas DataFrame, and a short `repr`.
+Nothing here draws a figure or writes a file. A value has `to_frame()`, a pandas DataFrame, and a short `repr`. What is
+raised is a `PalpateError` of `palpate.experiment.errors`.
 """
 
 from __future__ import annotations
@@ -190,8 +191,7 @@ def power(
     jobs
         Processes; 0 means one for each core.
     progress
-        Whether a bar on standard error shows how far it is: a thousand studies of each of five sizes take a minute or
-        so on one core.
+        Whether a bar on standard error shows how far it is.
 
     Returns
     -------
@@ -203,8 +203,8 @@ def power(
     ------
     PowerError
         A number is out of bounds, or the model does not fit the protocol.
-    ProtocolError
-        The protocol is broken.
+    PalpateError
+        There is no such protocol, or it is broken.
     """
     from palpate.analysis.power import simulate
     from palpate.experiment.cli import options
@@ -230,7 +230,7 @@ def power(
 def spectrum(
     file: PathLike,
     *,
-    channel: str | None = None,
+    channel: str | int | None = None,
     encoding: str | None = None,
     decimal: str | None = None,
     time_unit: str | None = None,
@@ -245,13 +245,13 @@ def spectrum(
     file
         A WAV file, a text file with a time column, or a LabVIEW file (.lvm).
     channel
-        Its name, or its number from 1; needed where there are several.
+        Its name, or its number from 1; by default the first that holds no times and counts no samples.
     encoding
         The code page of a text file that is not UTF-8 or UTF-16.
     decimal
         The decimal sign of a text file that does not say: a point or a comma.
     time_unit
-        The unit of the times of a text file that does not say: s, ms, us or ns.
+        The unit of the times of a text file that does not say: s, ms, us, ns, min or h.
     time_column
         The name of the column of times, where it does not say so or there are several.
 
@@ -264,11 +264,14 @@ def spectrum(
     ------
     RecordingError
         The file cannot be read, has no such channel, or is too short.
+    PalpateError
+        `decimal` is neither a point nor a comma.
     """
     from palpate.experiment.recordings.spectrum import of_file
     from palpate.experiment.settings.delimited import Stated
 
-    found = of_file(Path(file), channel=channel, stated=Stated(encoding, decimal, time_unit, time_column))
+    named = None if channel is None else str(channel)
+    found = of_file(Path(file), channel=named, stated=Stated(encoding, decimal, time_unit, time_column))
     for doubt in found.recording.doubts:
         warnings.warn(doubt.sentence(), stacklevel=2)
     return found
@@ -350,10 +353,13 @@ def contact(
     """
     import numpy as np
 
+    from palpate.experiment.errors import SynthesisError
     from palpate.experiment.synthesis.contact.block import Block
     from palpate.experiment.synthesis.contact.path import trajectory
 
     heights = np.asarray(height_m, dtype=np.float64)
+    if heights.ndim != 1:
+        raise SynthesisError(f"got height_m of shape {heights.shape}", remedy="give one height for each time")
     mass = float("inf") if mass_kg is None else mass_kg
     block = Block((stiffness_n_m, 0.0), (damping_n_s_m, 0.0), (mass, mass), into=(-1.0, 0.0))
     return trajectory((block,), times_s=times_s, hand_m=np.stack([heights, np.zeros_like(heights)], axis=-1))

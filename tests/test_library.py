@@ -91,6 +91,8 @@ def test_a_spectrum_warns_of_what_the_command_cautions_of(tmp_path: Path) -> Non
     with warnings.catch_warnings(action="error"):
         found = palpate.spectrum(file, time_column="zeit", time_unit="ms", encoding="cp1252", decimal=",")
     assert found.peaks[0].frequency_hz == pytest.approx(100.0, abs=0.01)
+    numbered = palpate.spectrum(file, channel=1, time_column="zeit", time_unit="ms", encoding="cp1252", decimal=",")
+    assert numbered.recording.channel == "a"
 
 
 def test_the_power_of_a_notebook_has_a_bar_when_asked(capfd: pytest.CaptureFixture[str]) -> None:

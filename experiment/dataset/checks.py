@@ -116,8 +116,9 @@ def journals(root: Path) -> list[Path]:
 def load_sound(root: Path, each: Each = map) -> Dataset:
     """Return a dataset that passes every check. Raises as `load`, and `DatasetError` for the first refusal."""
     dataset = load(root, each)
-    for refusal in findings(dataset):
-        raise DatasetError.at(refusal)
+    for one in findings(dataset):
+        if one.refuses:
+            raise DatasetError.at(one)
     return dataset
 
 

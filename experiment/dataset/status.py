@@ -266,7 +266,9 @@ def status(given: Path, today: date) -> Status:
             remedy = Remedy(words, ("palpate", "analyse", str(root)))
         raise DatasetError(root, "holds no study", remedy, allowed="the dataset of one")
     dataset = checks.load(root)
-    doubts = tuple(checks.findings(dataset))
+    found = tuple(checks.findings(dataset))
+    doubts = tuple(one for one in found if one.refuses)
+    warned = [one for one in found if not one.refuses]
     known, protocol = dataset.roster, dataset.protocol
     sound = {path for path, _ in dataset.sessions}
     people: list[Person] = []
@@ -302,7 +304,12 @@ def status(given: Path, today: date) -> Status:
         revealed=dict(known.revealed if known else {}),
         to_enrol=left[0] if left else None,
         doubts=doubts,
-        reminders=(*wanted, *_reminders(root, dataset, people), *_due(root, keep_until, today)),
+        reminders=(
+            *wanted,
+            *warned,
+            *_reminders(root, dataset, people),
+            *_due(root, keep_until, today),
+        ),
         keep_until=keep_until,
     )
 

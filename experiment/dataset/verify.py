@@ -56,7 +56,7 @@ class Report:
     @property
     def refused(self) -> int:
         """How many findings speak against the dataset."""
-        return sum(finding.verdict == "refuses" for finding in self.findings)
+        return sum(finding.refuses for finding in self.findings)
 
     def records(self) -> list[dict[str, str]]:
         """Return of each finding whether it holds, the item, and the text: a path inside the dataset, or a thing."""
@@ -105,7 +105,7 @@ def verify(
     readable = people if rosters or storage.plan_path(root).exists() else None
     unlike = [_inside(root, one) for one in register.contradictions(root, readable, files, ours)]
     unlike += _other_seal(root, ours)
-    refused = {str(finding.where) for finding in (*findings, *unlike) if finding.verdict == "refuses"}
+    refused = {str(finding.where) for finding in (*findings, *unlike) if finding.refuses}
     unlike += [Finding(FOREIGN, place.place) for place in foreign]
     whole = Sessions(root, sessions=tuple(sessions))
     findings += [_inside(root, one) for one in checks.findings(whole, "recordings")]
@@ -134,7 +134,7 @@ def _together(
     try:
         dataset = checks.load(root)
         doubts = [_inside(root, one) for one in checks.findings(dataset) if one.check != "anchors"]
-        refused = refused | {str(one.where) for one in doubts}
+        refused = refused | {str(one.where) for one in doubts if one.refuses}
         sound = tuple(one for one in dataset.sessions if one[0].relative_to(root).as_posix() not in refused)
         under_way = dataset.under_way.intersection(path for path, _ in sound)
         held = replace(dataset, sessions=sound, under_way=under_way, whole=not refused)
@@ -148,7 +148,11 @@ def _together(
             told.add((finding.where, finding.clause()))
             yield finding
     if held is None or not held.sessions:
-        none = "no journal holds, or what they are held against does not" if refused or doubts else "there is none"
+        none = (
+            "no journal holds, or what they are held against does not"
+            if refused or any(one.refuses for one in doubts)
+            else "there is none"
+        )
         yield Finding(f"{none}: headers, seed and tables were not compared", "sessions", verdict="unknown")
         return
     of = "protocol and the plan beside it" if held.roster is None else "sealed protocol, seed and roster"
@@ -452,7 +456,7 @@ def _most_anchored(files: Mapping[str, Sequence[str]], evidence: Sequence[Eviden
 def _verdict(
     findings: Sequence[Finding], files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]
 ) -> Iterator[str]:
-    if refused := [finding for finding in findings if finding.verdict == "refuses"]:
+    if refused := [finding for finding in findings if finding.refuses]:
         speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
         by_command = all(isinstance(one.remedy, Remedy) and one.remedy.suffices for one in refused)
         mend = "Do what the findings say" if by_command else "Keep the folder as it is, and compare it with a backup"

@@ -7,6 +7,7 @@ for a number is read again, record by record, for thousands, Fortran's exponents
 import csv
 import io
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.recordings.units import Heading, heading, is_unit
+from palpate.experiment.recordings.stamps import without_stamps
 from palpate.experiment.settings.delimited import (
     DELIMITERS,
     SAMPLE,
@@ -30,21 +31,31 @@ from palpate.experiment.settings.delimited import (
     records,
     unclear_decimal,
 )
+from palpate.experiment.settings.units import Heading, heading, is_unit
 
 NEAREST = 4
 """Records above the rows among which names and units are looked for."""
+
+TAIL, LAST_ROWS = 4096, 12
+"""Characters of a text's end, and rows among them, that are looked at for one that is cut off."""
 
 _SIGN = re.compile(r"\A\s*(?:#+|%+|//+|;+)\s?")
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of a text: headings, finite values, each (n,) and whole where all are, and the lines of rows."""
+    """The columns of a text: headings, finite values, each (n,) and whole where all are, and the lines of rows.
+
+    Columns at the places `stamped` are dates or times of day, in nanoseconds. `cut` says what makes the last row look
+    cut off, and is empty where nothing does.
+    """
 
     headings: tuple[Heading, ...]
     values: tuple[NDArray[Any], ...]
     lines: "RowLines"
     understood: Understood
+    stamped: tuple[int, ...]
+    cut: str
 
 
 @dataclass(frozen=True)
@@ -70,8 +81,14 @@ class RowLines:
         return next(islice(_rows(self.text, self.begins, self.shape), row, None)).line
 
 
-def read_columns(text: str, encoding: str, stated: Stated) -> Columns:
-    """Return the columns of a text, and how they were read. Raises `RecordingError` with the line of what is wrong."""
+def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Columns:
+    """Return the columns of a text, and how they were read. Raises `RecordingError` with the line of what is wrong.
+
+    `content` is that of its file.
+    """
+    plain, (text, stamps_ns) = len(text) == len(content) and text.isascii(), without_stamps(text)
+    # Of a large file each copy costs as much as some of its reading.
+    raw = content if plain and not stamps_ns else text.encode()
     shape = max(
         (_shape(text, delimiter, SAMPLE) for delimiter in (*DELIMITERS, "")), key=lambda one: (one.rows, one.width > 1)
     )
@@ -86,14 +103,23 @@ def read_columns(text: str, encoding: str, stated: Stated) -> Columns:
         )
     head, begins = _head(text, shape)
     decimal = stated.decimal or _decimal(text, begins, shape, SAMPLE, stated)
-    values = _fast(text[begins.start :], shape, decimal or ".")
+    values = _fast(raw, len(text[: begins.start].encode()), shape, decimal or ".")
     if values is None:
         decimal = stated.decimal or _decimal(text, begins, shape, None, stated)
         values = _slow(text, begins, shape, decimal or ".")
-    headings, lines = _headings(head, shape, values)
+    ends = len(begins.cells) > shape.first + shape.width
+    headings, lines = _headings(head, shape, values, ends=ends)
+    stamped = tuple(
+        place
+        for place, column in enumerate(values)
+        if column.dtype.kind == "i" and {int(column[0]), int(column[-1])} <= stamps_ns
+    )
+    for place in stamped:
+        headings[place] = Heading(headings[place].name, "ns")
     names, units = tuple(one.name for one in headings), tuple(one.unit for one in headings)
     understood = Understood(encoding, shape.delimiter, decimal, lines, names, units, begins.line, len(values[0]))
-    return Columns(tuple(headings), tuple(values), RowLines(text, begins, shape), understood)
+    held = RowLines(text, begins, shape)
+    return Columns(tuple(headings), tuple(values), held, understood, stamped, _cut(text, shape, decimal))
 
 
 def _cells(record: Record, shape: _Shape) -> list[str]:
@@ -157,22 +183,25 @@ def _decimal(text: str, begins: Record, shape: _Shape, most: int | None, stated:
     return decimal
 
 
-def _fast(body: str, shape: _Shape, decimal: str) -> list[NDArray[Any]] | None:
-    """Return the columns as pandas reads them, None where they are no plain numbers throughout."""
+def _fast(raw: bytes, start: int, shape: _Shape, decimal: str) -> list[NDArray[Any]] | None:
+    """Return the columns below a place as pandas reads them, None where they are no plain numbers throughout."""
     import pandas as pd
 
-    if shape.first or any(sign in body for sign in ("#", "%", "//")) or decimal == shape.delimiter:
+    if shape.first or any(raw.find(sign, start) >= 0 for sign in b"#%/") or decimal == shape.delimiter:
         return None
+    below = io.BytesIO(raw)
+    below.seek(start)
     try:
-        frame = pd.read_csv(
-            io.BytesIO(body.encode()),
-            sep=shape.delimiter or r"\s+",
-            decimal=decimal,
-            header=None,
-            na_filter=False,
-            low_memory=False,
-        )
-    except (ValueError, OverflowError):
+        # A column of which some parts are no numbers is only warned of.
+        with warnings.catch_warnings(action="error", category=pd.errors.DtypeWarning):
+            frame = pd.read_csv(
+                below,
+                sep=shape.delimiter or r"\s+",
+                decimal=decimal,
+                header=None,
+                na_filter=False,
+            )
+    except (ValueError, OverflowError, pd.errors.DtypeWarning):
         return None
     columns = [frame[place].to_numpy() for place in frame.columns]
     if len(columns) != shape.width or any(
@@ -180,6 +209,16 @@ def _fast(body: str, shape: _Shape, decimal: str) -> list[NDArray[Any]] | None:
     ):
         return None
     return columns
+
+
+def _cut(text: str, shape: _Shape, decimal: str) -> str:
+    """Return what makes the last row look cut off: no line end, and fewer decimals than each of the rows before."""
+    if not decimal or text.endswith(("\n", "\r")):
+        return ""
+    last = [line.rstrip() for line in text[-TAIL:].splitlines()[1:]][-LAST_ROWS:]
+    decimals = [len(line.rpartition(shape.delimiter or " ")[2].strip('" ').partition(decimal)[2]) for line in last]
+    fixed = len(decimals) == LAST_ROWS and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]
+    return f"the last row has no line end, and {decimals[-1]} decimals where others have {decimals[0]}" if fixed else ""
 
 
 def _slow(text: str, begins: Record, shape: _Shape, decimal: str) -> list[NDArray[Any]]:
@@ -214,14 +253,16 @@ def _array(values: list[float]) -> NDArray[Any]:
 
 
 def _headings(
-    head: Sequence[tuple[int, str]], shape: _Shape, values: Sequence[NDArray[Any]]
+    head: Sequence[tuple[int, str]], shape: _Shape, values: Sequence[NDArray[Any]], *, ends: bool
 ) -> tuple[list[Heading], tuple[int, ...]]:
-    """Return the name and unit of each column, and the lines they are from.
+    """Return the name and unit of each column, and the lines they are from; `ends` if rows end in a delimiter.
 
     Of the last `NEAREST` records above the rows, those count that have a cell for each column: the last one holds the
     names, or the last one above a row of units.
     """
-    fitting = [(line, cells) for line, raw in head[-NEAREST:] if (cells := _heading_cells(raw, shape, values))]
+    fitting = [
+        (line, cells) for line, raw in head[-NEAREST:] if (cells := _heading_cells(raw, shape, values, ends=ends))
+    ]
     if not fitting:
         return [Heading("", "")] * shape.width, ()
     below = [place for place, (_, cells) in enumerate(fitting) if all(is_unit(cell) for cell in cells if cell)]
@@ -233,11 +274,11 @@ def _headings(
     return [heading(cell) for cell in cells], (line,)
 
 
-def _heading_cells(raw: str, shape: _Shape, values: Sequence[NDArray[Any]]) -> list[str]:
+def _heading_cells(raw: str, shape: _Shape, values: Sequence[NDArray[Any]], *, ends: bool) -> list[str]:
     """Return the cells of a heading, one for each column; none where the record has another number of them.
 
     A heading may have another delimiter than the rows, and a comment sign at its beginning. R leaves out the name of
-    its numbers of rows.
+    its numbers of rows. Where rows end in a delimiter, the last name may be that of a column in which nothing stands.
     """
     bare = _SIGN.sub("", raw, count=1)
     blank = (r"\s{2,}", r"\s+") if not shape.delimiter or bare != raw else (r"\s{2,}",)
@@ -252,7 +293,7 @@ def _heading_cells(raw: str, shape: _Shape, values: Sequence[NDArray[Any]]) -> l
     blanks = ([cell.strip(' \t,;"') for cell in re.split(pattern, bare.strip())] for pattern in blank)
     for row in chain(delimited, blanks):
         cells = row[shape.first :]
-        cells = cells[:-1] if len(cells) == shape.width + 1 and not cells[-1] else cells
+        cells = cells[:-1] if len(cells) == shape.width + 1 and (ends or not cells[-1]) else cells
         if len(cells) == shape.width and any(cells) and not _numeric(cells):
             return cells
         if numbered and len(cells) == shape.width - 1 > 1 and all(cells):

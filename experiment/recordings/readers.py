@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy
 from palpate.experiment.recordings.columns import RowLines, read_columns
 from palpate.experiment.recordings.unfinished import completed
-from palpate.experiment.recordings.units import SECONDS, Heading, heading, is_clock, is_counter, likely_unit, time_unit
 from palpate.experiment.recordings.wav import wav_samples
 from palpate.experiment.settings import delimited
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood, number
+from palpate.experiment.settings.units import SECONDS, Heading, heading, is_clock, is_counter, likely_unit, time_unit
 
 LARGEST_STEP_ERROR = 0.5
 """How far a time step may be from the median step, and a sample from its place on an even grid, in steps."""
@@ -75,12 +75,16 @@ _Rows = list[tuple[int, list[str]]]
 
 @dataclass(frozen=True)
 class _Table:
-    """Channels, the column of times of each (None where it has none), the number of segments, and how it was read."""
+    """Channels, the column of times of each (None where it has none), the number of segments, and how it was read.
+
+    `cut` says what makes its last row look cut off.
+    """
 
     signals: Sequence[_Column]
     times: Sequence[_Column | None]
     segments: int = 1
     understood: Understood | None = None
+    cut: str = ""
 
 
 def read(path: Path, *, channel: str | None = None, stated: Stated = NOTHING_STATED) -> Recording:
@@ -98,7 +102,7 @@ def read(path: Path, *, channel: str | None = None, stated: Stated = NOTHING_STA
             return replace(made, doubts=(doubt,)) if missing else made
         text, encoding = delimited.decoded(content, path, stated)
         lvm = text.startswith("LabVIEW Measurement")
-        table = _from_lvm(text.splitlines()) if lvm else _from_columns(text, encoding, stated)
+        table = _from_lvm(text.splitlines()) if lvm else _from_columns(content, text, encoding, stated)
         return _recording(str(path), channel, table, stated)
     except PalpateError as error:
         raise RecordingError.at(replace(error.finding, where=path)) from None
@@ -123,32 +127,35 @@ def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | Non
     return Recording(str(path), names[place], names, samples, unit, float(rate_hz), "WAV header")
 
 
-def _chosen(names: tuple[str, ...], channel: str | None) -> int:
-    if channel is None:
+def _chosen(names: tuple[str, ...], asked: str | None, what: str = "channel") -> int:
+    """Return the place of a name, of a whole heading with its unit, or of a number from 1; the first by default."""
+    if asked is None:
         return 0
-    if names.count(channel) == 1:
-        return names.index(channel)
-    if channel.isdecimal() and 1 <= int(channel) <= len(names):
-        return int(channel) - 1
+    for name in (asked, heading(asked).name):
+        if names.count(name) == 1:
+            return names.index(name)
+    if asked.isdecimal() and 1 <= int(asked) <= len(names):
+        return int(asked) - 1
     raise RecordingError(
-        f"got channel {channel!r}",
+        f"got {what} {asked!r}",
         remedy="choose one of them",
         allowed=f"{', '.join(names)}, or a number from 1 to {len(names)}",
     )
 
 
-def _from_columns(text: str, encoding: str, stated: Stated) -> _Table:
-    read_as = read_columns(text, encoding, stated)
+def _from_columns(content: bytes, text: str, encoding: str, stated: Stated) -> _Table:
+    read_as = read_columns(content, text, encoding, stated)
     columns = [
         _Column(name or f"column {place}", unit, values, read_as.lines)
         for place, ((name, unit), values) in enumerate(zip(read_as.headings, read_as.values, strict=True), start=1)
     ]
-    named = [place for place, one in enumerate(read_as.headings) if _names_times(one)]
+    of_day = read_as.stamped
+    named = [at for at, one in enumerate(read_as.headings) if at not in of_day and _names_times(one)] or [*of_day]
     clocks = _clocks(named, columns, stated)
     if not clocks:
         _look_like_times(replace(columns[0], name=read_as.headings[0].name), stated)
         clocks = [0]
-    signals = [place for place in range(len(columns)) if place not in (*clocks, *named)]
+    signals = [place for place in range(len(columns)) if place not in (*clocks, *named, *of_day)]
     if not signals:
         raise RecordingError(
             "got no column but those of times", remedy="name another file", allowed="a column of samples"
@@ -157,7 +164,7 @@ def _from_columns(text: str, encoding: str, stated: Stated) -> _Table:
         times = [_clock_of(place, clocks, columns, stated) for place in signals]
     else:
         times = [columns[clocks[0]]] * len(signals)
-    return _Table([columns[place] for place in signals], times, 1, read_as.understood)
+    return _Table([columns[place] for place in signals], times, 1, read_as.understood, read_as.cut)
 
 
 def _names_times(one: Heading) -> bool:
@@ -167,7 +174,7 @@ def _names_times(one: Heading) -> bool:
 def _clocks(named: Sequence[int], columns: Sequence[_Column], stated: Stated) -> list[int]:
     """Return the places of the columns of times: the one that is stated, or of those named so, those with a unit."""
     if stated.time_column is not None:
-        return [_chosen(tuple(column.name for column in columns), stated.time_column)]
+        return [_chosen(tuple(column.name for column in columns), stated.time_column, "column")]
     return [at for at in named if time_unit(Heading(columns[at].name, columns[at].unit))] or list(named)
 
 
@@ -360,6 +367,8 @@ def _recording(file: str, channel: str | None, table: _Table, stated: Stated) ->
             remedy="export the measurement with X_Columns One",
             allowed="a column of times",
         )
+    if table.cut:
+        doubts += (Finding(table.cut, where=file, remedy="check where it ends", verdict="warns", check="unfinished"),)
     of_channel = (file, chosen.name, names, chosen.values.astype(np.float64), chosen.unit)
     return Recording(*of_channel, rate_hz, source, claimed_hz, jitter, table.segments, table.understood, doubts)
 
@@ -459,7 +468,7 @@ def _even(times: _Column, unit_s: float) -> tuple[float, float]:
     at = int(np.argmax(off))
     if not off[at] <= LARGEST_STEP_ERROR:
         raise RecordingError(
-            f"got a sample {off[at]:.1f} steps away from an even grid",
+            f"got a sample {off[at]:.2f} steps away from an even grid",
             remedy="record at a steady rate or resample it evenly",
             allowed=f"{LARGEST_STEP_ERROR} steps",
             line=times.lines[at],

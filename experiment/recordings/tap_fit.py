@@ -19,8 +19,8 @@ from scipy import fft, optimize
 
 from palpate.experiment.errors import Finding, PalpateError, RecordingError
 from palpate.experiment.recordings.readers import Recording, read
-from palpate.experiment.recordings.units import in_unit
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood, read_table
+from palpate.experiment.settings.units import in_unit
 from palpate.experiment.synthesis.tap import Exponential, Scaling, frequency_curve, scaling
 
 UNTIL = 0.25

@@ -24,10 +24,14 @@ def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
             rate_hz, samples = wavfile.read(io.BytesIO(content))
     except Exception as error:
         # scipy meets a damaged header with whatever the broken number leads to: ZeroDivisionError, TypeError, ...
-        detail = " ".join(str(error).split()).rstrip(".")
-        raise RecordingError(
-            file, f"got a WAV file that cannot be decoded ({detail})", "export it again", allowed="whole PCM or float"
-        ) from error
+        states = int.from_bytes(content[4:8], "big" if content[:4] == b"RIFX" else "little") + 8
+        short = f"is cut off: it holds {len(content)} of the {states} bytes that its header states"
+        got = (
+            short
+            if content[:4] != b"RF64" and content[8:12] == b"WAVE" and len(content) < states
+            else "got a WAV file that cannot be decoded"
+        )
+        raise RecordingError(file, got, "export it again", allowed="whole PCM or float") from error
     if rate_hz < 1 or samples.size == 0:
         raise RecordingError(
             file,

@@ -170,10 +170,11 @@ def content(path: Path, most: int = LARGEST) -> bytes:
     try:
         return storage.read_bytes(path, most)
     except OSError as error:
+        large = path.is_file() and path.stat().st_size > most
         raise PalpateError(
             path,
             f"cannot be read ({storage.why(error)})",
-            "cut it, or name another file",
+            "cut it, or name another file" if large else "name another file",
             allowed=f"a text file of at most {most // 2**20} MiB",
         ) from error
 

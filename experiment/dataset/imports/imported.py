@@ -94,7 +94,7 @@ def import_trials(
     tasks = _tasks(paths, layout, trials.rows)
     check_texts(paths[0], {"presented": tuple(tasks)} if layout.task else {})
     _refuse_alike(paths, layout, trials.rows, stated)
-    labels, kept = _labels(paths, layout, trials.rows, stated)
+    labels, kept = _labels(trials.rows)
     sessions = _sessions(trials.rows, layout)
     said = _sentences(trials, labels, layout, kept=kept)
     with new_dataset(out) as root:
@@ -155,16 +155,16 @@ def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[s
 
 
 def _refuse_alike(paths: Sequence[Path], layout: Layout, rows: Sequence[Row], stated: Stated) -> None:
-    """Refuse two spellings that look like one person: P01 and p01, 01 and P01, or letters of two alphabets."""
+    """Refuse two spellings that look like one person: P01 and p01, P1, or 01, or letters of two alphabets."""
     known: dict[str, str] = {}
     firsts = {row.participant: row for row in reversed(rows)}
     for row in (firsts[who] for who in dict.fromkeys(row.participant for row in rows)):
         name = skeleton(row.participant)
         looks = {name: name}
         # Two prefixes may be two groups, and a number alone may be of either.
-        if number := re.fullmatch(r"(\D*?)0*([0-9]{1,6})", name):
-            bare, prefixed = f"bare {number[2]}", f"prefixed {number[2]}"
-            looks |= {prefixed: bare} if number[1] else {bare: prefixed}
+        if number := re.fullmatch(r"(\D*?)0*([0-9]{1,6})(?:\.0)?", name):
+            whole, bare, prefixed = f"{number[1]} {number[2]}", f"bare {number[2]}", f"prefixed {number[2]}"
+            looks |= {whole: whole, **({prefixed: bare} if number[1] else {bare: prefixed})}
         other = next(
             (one for look in looks.values() if (one := known.get(look, row.participant)) != row.participant), ""
         )
@@ -180,23 +180,13 @@ def _refuse_alike(paths: Sequence[Path], layout: Layout, rows: Sequence[Row], st
         known |= {look: known.get(look, row.participant) for look in looks}
 
 
-def _labels(paths: Sequence[Path], layout: Layout, rows: Sequence[Row], stated: Stated) -> tuple[dict[str, str], bool]:
+def _labels(rows: Sequence[Row]) -> tuple[dict[str, str], bool]:
     """Return each participant's label by cell, and whether labels keep the cells' numbers, as for P01, P02."""
     cells = list(dict.fromkeys(row.participant for row in rows))
     matches = [re.fullmatch(r"(.*?)0*([0-9]{1,6})(?:\.0)?", cell) for cell in cells]
     prefixes = {match[1] for match in matches if match}
     kept = all(matches) and len(prefixes) == 1 and not re.search(r"[0-9]", min(prefixes))
     numbers = [int(match[2]) if match else 0 for match in matches] if kept else list(range(1, len(cells) + 1))
-    if len(set(numbers)) < len(numbers):
-        row = next(row for row in rows if numbers.count(numbers[cells.index(row.participant)]) > 1)
-        raise DatasetError(
-            paths[row.file - 1],
-            f"got {row.participant!r}, and the same number in another spelling",
-            stated.remedy("say who it is", "--map-participant", f"{row.participant}=LABEL"),
-            allowed="one spelling",
-            field=f"column {layout.participant}" if layout.participant else "--participant-in-name",
-            line=row.line,
-        )
     width = max(2, len(str(max(numbers))))
     return {cell: f"{number:0{width}d}" for cell, number in zip(cells, numbers, strict=True)}, kept
 

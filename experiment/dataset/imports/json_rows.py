@@ -5,6 +5,7 @@ its own for each of its keys, as `response.Q0`.
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.settings import delimited
+from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.delimited import Record, Stated, Table, Understood
 
 
@@ -47,18 +49,27 @@ def json_table(path: Path, stated: Stated) -> Table:
 
 def _objects(path: Path, text: str) -> list[dict[str, Any]]:
     try:
-        found = [json.loads(text)]
-    except (ValueError, RecursionError):
         try:
-            found = [json.loads(line) for line in text.splitlines() if line.strip()]
-        except (ValueError, RecursionError) as error:
-            raise DatasetError(
-                path, f"is not JSON ({error})", "export it again", allowed="a list of objects, one for each trial"
-            ) from error
+            found = [json.loads(text, object_pairs_hook=_once)]
+        except json.JSONDecodeError:
+            found = [json.loads(line, object_pairs_hook=_once) for line in text.splitlines() if line.strip()]
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(
+            path, f"cannot be read as JSON: {error}", "export it again", allowed="a list of objects, one for each trial"
+        ) from error
     rows = [one for held in found for one in _listed(held)]
     if not rows:
         raise DatasetError(path, "got JSON without trials", "name another file", allowed="a list of objects")
     return rows
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object. Raises `ValueError` where a key stands in it twice, of which one value would be lost."""
+    held = dict(pairs)
+    if len(held) < len(pairs):
+        twice = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        raise ValueError(f"an object has the key {quoted(twice)} twice")
+    return held
 
 
 def _listed(held: Any) -> Iterator[dict[str, Any]]:

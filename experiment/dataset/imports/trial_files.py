@@ -19,6 +19,7 @@ from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, TIE
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.settings.characters import quoted, skeleton
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Table, Understood, read_table
+from palpate.experiment.settings.units import heading, time_unit
 
 MOST_MATERIALS = 64
 """More different cells than this are no materials: the column is another one."""
@@ -245,12 +246,19 @@ class _Reader:
             _refused(
                 self._paths[row.file - 1], row.line, self._layout.answered or "", row.answered,
                 _listed((*known, NO_ANSWER)),
-                self._remedy("say what it is, or name it with --material if it was never presented",
-                             "--map", f"{row.answered}=MATERIAL"),
+                self._as_presented(row.answered),
             )
             for row in self._rows
             if row.answered not in (*known, NO_ANSWER, _WRONG)
         ]  # fmt: skip
+
+    def _as_presented(self, answered: str) -> Remedy | str:
+        """Return what to do about an answer that was never presented; one that --map made may be a code there."""
+        if code := next((code for code, meant in self._layout.answers.items() if meant == answered), ""):
+            words = "if it was presented as that code, say so, or name it with --material"
+            return self._remedy(words, "--map-presented", f"{code}={answered}")
+        words = "say what it is, or name it with --material if it was never presented"
+        return self._remedy(words, "--map", f"{answered}=MATERIAL")
 
     def _resolved(self, row: Row, known: tuple[str, ...]) -> Row:
         """Return a trial whose answer was right or wrong with what was answered."""
@@ -317,7 +325,7 @@ class _Reader:
         ) or ("palpate", "import-trials", other, str(self._layout.time))  # fmt: skip
         remedy: Remedy | str = f"check the unit of {self._layout.time}"
         if likely:
-            remedy = Remedy(f"if they are in {other[2:]}, say so: {{}}", command)
+            remedy = Remedy(f"if they are in {other[2:]}, delete the dataset and say so: {{}}", command)
         return (
             Finding(
                 f"got a median response time of {usual:.3g} s, which is implausible",
@@ -350,6 +358,7 @@ def _table(path: Path, layout: Layout, stated: Stated) -> Table:
     if not table.header:
         raise DatasetError(path, "got an empty file", "name another file", allowed="a header, and a row for each trial")
     _check_header(path, layout, table)
+    _check_unit(path, layout)
     return table
 
 
@@ -431,3 +440,20 @@ def _check_header(path: Path, layout: Layout, table: Table) -> None:
                 field=f"column {column}",
                 line=next(iter(table.understood.heading_lines), None),
             )
+
+
+def _check_unit(path: Path, layout: Layout) -> None:
+    """Refuse a column of times whose heading says another unit than the option that names it."""
+    named, unit = heading(layout.time or ""), "s" if layout.time_s else "ms"
+    says = time_unit(named)
+    # In a name a letter may stand for something else.
+    if says in ("", unit) or (says in ("min", "h") and not named.unit):
+        return
+    option = {"s": "--seconds", "ms": "--milliseconds"}.get(says)
+    raise DatasetError(
+        path,
+        f"got times in {says}, as their heading says",
+        f"name the column with {option}" if option else "export them in seconds",
+        allowed=unit,
+        field=f"column {layout.time}",
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -12,8 +13,10 @@ import pytest
 from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, register, tables
+from palpate.experiment.dataset.checks import Dataset
+from palpate.experiment.dataset.status import status
 from palpate.experiment.dataset.verify import verify
-from palpate.experiment.errors import DatasetError, PalpateError, Remedy, RosterError
+from palpate.experiment.errors import DatasetError, Finding, PalpateError, Remedy, RosterError
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Withdrawal
 from palpate.experiment.records.progress import progress
@@ -121,6 +124,27 @@ def test_what_was_made_of_journals_is_compared_where_it_is_asked_for(
     assert (remedy.command, remedy.suffices) == (("palpate", "build", str(study.root)), suffices)
     shown = [(one.where, one.remedy) for one in verify(study.root).findings if one.verdict == "refuses"]
     assert shown == [(one.place(study.root), one.remedy) for one in found]
+
+
+def test_a_check_may_warn_which_is_told_and_stops_nothing(
+    made: MadeStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Planted: a check that warns of every session."""
+    study = copied(made, tmp_path / "study")
+
+    def short(dataset: Dataset) -> Iterator[Finding]:
+        yield from (Finding("was short", path, verdict="warns") for path, _ in dataset.sessions)
+
+    before = verify(study.root)
+    monkeypatch.setitem(checks.CHECKS, "short", short)
+    build.build(study.root)
+    found, after = status(study.root, DAY), verify(study.root)
+    assert not found.doubts
+    assert [one.what for one in found.reminders].count("was short") == len(checks.load(study.root).sessions)
+    assert after.refused == 0
+    told = [one.what for one in after.findings]
+    assert told.count("was short") == len(checks.load(study.root).sessions)
+    assert [one for one in told if one != "was short"] == [one.what for one in before.findings]
 
 
 def test_what_a_backup_brought_back_is_the_finding_of_a_check(made: MadeStudy, tmp_path: Path) -> None:

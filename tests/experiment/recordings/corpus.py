@@ -7,10 +7,12 @@ many were read right, refused with a remedy that works, and read as something el
 from __future__ import annotations
 
 import random
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
@@ -61,6 +63,7 @@ class Layout:
     exponent: str = ""
     comment_within: bool = False
     epoch: bool = False
+    stamp: str = ""
     rate_hz: float = 3200.0
 
     @property
@@ -110,6 +113,9 @@ LAYOUTS: dict[str, Layout] = {
     "remarks between rows": Layout(comment_within=True),
     "German": Layout(clock="Zeit", channel="Beschleunigung für Fuß", channel_unit="m/s²"),
     "since 1970": Layout(epoch=True, unit="us"),
+    "ISO 8601": Layout(stamp="%Y-%m-%dT%H:%M:%S.%fZ"),
+    "day, month, year": Layout(stamp="%d.%m.%Y %H:%M:%S.%f", clock="Datum"),
+    "time of day": Layout(stamp="%H:%M:%S.%f", clock="Uhrzeit"),
     "no unit": Layout(heading="bare"),
     "no headings": Layout(heading="none"),
 }  # fmt: skip
@@ -134,8 +140,15 @@ def _digits(value: float, layout: Layout, places: int) -> str:
     return text.replace(".", layout.decimal)
 
 
+def _stamped(after_s: float, layout: Layout) -> str:
+    """Return a date or time of day, of a recording that goes on past midnight."""
+    at = datetime(2026, 11, 30, 23, 59, 59, 995_000, tzinfo=UTC) + timedelta(seconds=after_s)
+    text = at.strftime(layout.stamp)
+    return re.sub(r"\.(?=[0-9]{6}Z?$)", "." if layout.delimiter == "," else layout.decimal, text)
+
+
 def _heading(name: str, unit: str, layout: Layout) -> str:
-    if layout.units_below or layout.heading in ("bare", "none"):
+    if not unit or layout.units_below or layout.heading in ("bare", "none"):
         return name
     if layout.heading == "word" and unit in SECONDS:
         return f"{name}_{WORDS[unit]}"
@@ -155,12 +168,14 @@ def written(layout: Layout) -> bytes:
     signals = samples(layout.further)
     places = 0 if layout.epoch else {"s": 9, "ms": 6, "us": 3}[layout.unit]
     times = [f"{value:.0f}" if layout.epoch else _digits(value, layout, places) for value in clock]
+    if layout.stamp:
+        times = [_stamped(i / layout.rate_hz, layout) for i in range(40)]
     columns = [[_digits(value, layout, 4) for value in signal] for signal in signals]
     names = [layout.channel, *(f"more {k}" for k in range(layout.further))]
     heads = [(name, layout.channel_unit) for name in names]
     at = min(layout.clock_at, len(columns))
     columns.insert(at, times)
-    heads.insert(at, (layout.clock, layout.unit))
+    heads.insert(at, (layout.clock, "" if layout.stamp else layout.unit))
     lines = [line.format(d=d) for line in layout.preamble]
     cells = [_heading(*head, layout) for head in heads]
     rows = [list(row) for row in zip(*columns, strict=True)]
@@ -243,6 +258,7 @@ def rearranged(seed: int) -> Layout:
         encoding=draw.choice(ENCODINGS[:4] if base.thousands == "\u202f" else ENCODINGS),
         heading=heading,
         clock=draw.choice(["time", "t", "Zeit", "elapsed"]) if heading not in ("camel", "word") else "time",
+        stamp="" if base.epoch else base.stamp or draw.choice(["", "", "", "%Y-%m-%dT%H:%M:%S.%f"]),
         quoted=base.quoted or heading == "break" or draw.random() < 0.3,
         thousands=thousands,
         quoted_numbers=base.quoted_numbers or thousands != "" or draw.random() < 0.2,

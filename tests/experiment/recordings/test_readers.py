@@ -117,8 +117,9 @@ def test_wav_channels_by_name_and_number(tmp_path: Path, refuses: Refuses) -> No
 def test_a_truncated_wav_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "cut.wav"
     wavfile.write(path, 5000, np.zeros(100, np.float32))
-    path.write_bytes(path.read_bytes()[:-40])
-    with pytest.raises(RecordingError, match="cannot be decoded"):
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-40])
+    with pytest.raises(RecordingError, match=f"{len(whole) - 40} of the {len(whole)} bytes"):
         read(path)
 
 
@@ -434,3 +435,14 @@ def test_a_recording_that_is_too_large_is_refused_before_it_is_read(tmp_path: Pa
         file.truncate(LARGEST + 1)
     with pytest.raises(RecordingError, match=f"at most {LARGEST // 2**20} MiB"):
         read(path)
+
+
+def test_an_empty_column_of_remarks_keeps_the_headings_and_a_channel_is_named_as_its_heading(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "logger.csv"
+    rows = [f"{i};{i % 5},5;{i % 7},25;" for i in range(60)]
+    path.write_text("\n".join(["Messung 3;Sensor A;;", "Zeit [ms];Weg [mm];Kraft [N];Bemerkung", *rows, ""]))
+    for asked in ("Kraft", "Kraft [N]", "2"):
+        made = read(path, channel=asked)
+        assert (made.channels, made.channel, made.unit, made.rate_hz) == (("Weg", "Kraft"), "Kraft", "N", 1000.0)

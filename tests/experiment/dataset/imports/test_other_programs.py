@@ -46,6 +46,40 @@ def test_jspsych_json_with_answers_in_objects(tmp_path: Path, shape: str) -> Non
     ]
 
 
+def test_a_key_that_stands_twice_in_an_object_is_refused(tmp_path: Path) -> None:
+    path = _file(tmp_path, '[{"who": 1, "shown": "felt", "shown": "cork", "said": "cork"}]', "trials.json")
+    with pytest.raises(DatasetError, match="'shown' twice"):
+        read_trials([path], PLAIN)
+
+
+@pytest.mark.parametrize(
+    ("head", "stated"),
+    [
+        ("RT [ms]", replace(PLAIN, time_s="RT [ms]")),
+        ("rt_s", replace(PLAIN, time_ms="rt_s")),
+        ("rt (min)", replace(PLAIN, time_s="rt (min)")),
+    ],
+)
+def test_a_heading_that_says_another_unit_than_the_option_is_refused(tmp_path: Path, head: str, stated: Layout) -> None:
+    path = _file(tmp_path, f"who,shown,said,{head}\n1,felt,cork,512\n1,cork,cork,480\n")
+    with pytest.raises(DatasetError) as refused:
+        read_trials([path], stated)
+    assert refused.value.finding.field == f"column {head}"
+    agreed = read_trials(
+        [_file(tmp_path, path.read_text().replace(head, "rt_ms"), "ms.csv")], replace(PLAIN, time_ms="rt_ms")
+    )
+    assert [row.response_time_s for row in agreed.rows] == [0.512, 0.48]
+
+
+def test_a_code_that_was_mapped_in_answers_alone_is_to_be_mapped_where_it_was_presented(tmp_path: Path) -> None:
+    path = _file(tmp_path, "who,shown,said\n1,1,1\n1,2,1\n")
+    with pytest.raises(DatasetError) as refused:
+        read_trials([path], replace(PLAIN, answers={"1": "cork"}), stated=COMMAND)
+    remedy = refused.value.finding.remedy
+    assert isinstance(remedy, Remedy)
+    assert remedy.command[-2:] == ("--map-presented", "1=cork")
+
+
 def test_the_label_in_a_files_name(tmp_path: Path) -> None:
     paths = [_file(tmp_path, "shown,said\nfelt,cork\ncork,cork\n", f"P{n}_exp_2024-05-{n}.csv") for n in ("01", "12")]
     layout = Layout("shown", "said", None, in_name="{}_exp_*.csv")
