@@ -179,7 +179,7 @@ def power(
         Numbers of participants to try.
     model
         How simulated participants answer: "published" (as in the tables of this study), another study's id, a
-        dataset's folder, or a TOML file.
+        dataset's folder, a TOML file, or two numbers, "0.8,0.15": how often right, and their intraclass correlation.
     studies
         Simulated studies of each size.
     alpha

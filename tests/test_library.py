@@ -101,6 +101,13 @@ def test_the_power_of_a_notebook_has_a_bar_when_asked(capfd: pytest.CaptureFixtu
         assert bool(capfd.readouterr().err) == asked
 
 
+def test_every_row_of_power_names_its_correction() -> None:
+    frame = palpate.power("okamoto2012", participants=[5, 6], studies=20).to_frame()
+    what = ["planned_test", "tasks", "subject", "correction", "model", "participants"]
+    assert not frame.duplicated(what).any()
+    assert set(frame["correction"]) == {"none", "Holm"}
+
+
 def test_a_spring_pushes_as_deep_as_the_hand_is() -> None:
     times_s = np.linspace(0.0, 0.1, 11)
     height_m = 0.01 - 0.2 * times_s

@@ -5,8 +5,9 @@ it. Counts are Dirichlet-multinomial; the intraclass correlation follows in clos
 deviations. Given the shares, answers to different materials, or in two tasks, are independent.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -15,15 +16,17 @@ import numpy as np
 from pydantic import Field
 
 from palpate.analysis.documents.tables import Column, Record, plural, tabulate
+from palpate.analysis.identification.companion_tests import MARGIN
 from palpate.analysis.identification.confusion import confusion
+from palpate.analysis.identification.planned import EQUIVALENCE
+from palpate.analysis.power.planned_tests import APART, Design, Model, Shown, equivalent, starred
 from palpate.analysis.power.planned_tests import Answers as Every
-from palpate.analysis.power.planned_tests import Design, Model, Shown, starred
 from palpate.analysis.power.planned_tests import answer as answered
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading import dataset
 from palpate.analysis.statistics.exact import Floats, Integers
 from palpate.experiment.errors import PowerError
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.models import PlannedTest, Protocol
 from palpate.experiment.settings import load
 from palpate.experiment.settings.load import Broken, Confined, Label, Name, Rules, Text
 
@@ -47,11 +50,16 @@ class Answers:
     spread: Floats
 
 
+TOGETHER = 0.25
+"""Of a participant's spread in the control, the part each of one level, one by task and one by material: ours."""
+
+
 @dataclass(frozen=True)
 class ChoiceModel(Model):
-    """Answers that name a material, in every task."""
+    """Answers that name a material, in every task; `null` is that of a control."""
 
     tasks: tuple[Answers, ...]
+    null: bool = False
 
     has_stars = True
     undefined = "no variance"
@@ -64,21 +72,51 @@ class ChoiceModel(Model):
         for task, own in zip(protocol.tasks, self.tasks, strict=True):
             planned = (test.chance for test in protocol.analysis if task.id in test.tasks and test.chance is not None)
             chance = next(planned, 1 / count)
-            shares = np.full((count, count + 1), (1 - chance) / (count - 1))
-            shares[:, -1] = 0.0
-            np.fill_diagonal(shares, chance)
-            tasks.append(Answers(task.id, shares * own.shares.any(axis=1, keepdims=True), own.spread))
-        return ChoiceModel("guessing on average, with the same spread among participants", tuple(tasks))
+            tasks.append(_evenly(own, chance))
+        return ChoiceModel("guessing on average, with the same spread among participants", tuple(tasks), null=True)
 
     def answers(self, planned: Design, participants: int, studies: int, random: np.random.Generator) -> Every:
-        """Return the answers to each question, and how many studies have a mean above chance in its family."""
-        sizes = planned.sizes(participants)
-        drawn = {
-            task.id: draw(answers, trials=task.repetitions, participants=size, studies=studies, random=random)
-            for task, answers, size in zip(planned.tasks, self.tasks, sizes, strict=True)
-        }
-        every = answered(planned, drawn)
+        """Return the answers to each question, and how many studies have a mean above chance in its family.
+
+        In a control, equivalence is asked of tasks, or materials, that differ by the margin.
+        """
+        every = answered(planned, self.drawn(planned, participants, studies, random), 0.0 if self.null else APART)
+        for number, test in enumerate(planned.tests if self.null else ()):
+            if test.test == EQUIVALENCE:
+                differing = self._differing(planned, test).drawn(planned, participants, studies, random)
+                every |= dict(equivalent(number, test, planned, differing))
         return every, starred(planned, every)
+
+    def drawn(
+        self, planned: Design, participants: int, studies: int, random: np.random.Generator
+    ) -> dict[str, Integers]:
+        """Return the counts of each task; those of a control are of participants who differ by task and by material."""
+        each = list(zip(planned.tasks, self.tasks, planned.sizes(participants), strict=True))
+        if not self.null:
+            return {
+                task.id: draw(answers, trials=task.repetitions, participants=size, studies=studies, random=random)
+                for task, answers, size in each
+            }
+        shape = studies, max(size for *_, size in each)
+        level, found = random.standard_normal(shape), {}
+        by_material = random.standard_normal((len(planned.materials), *shape))
+        for task, answers, size in each:
+            common = math.sqrt(TOGETHER) * (level + random.standard_normal(shape) + by_material)[:, :, :size]
+            found[task.id] = draw_together(answers, common, task.repetitions, random)
+        return found
+
+    def _differing(self, planned: Design, test: PlannedTest) -> "ChoiceModel":
+        """Return participants to whom the tasks of a test, or the materials of its one task, differ by its margin."""
+        count, margin = len(planned.materials), test.margin or MARGIN
+        several = len(test.tasks) > 1
+        tasks = []
+        for own in self.tasks:
+            place = test.tasks.index(own.task) if own.task in test.tasks else 0
+            right = (
+                0.5 + (place - (len(test.tasks) - 1) / 2) * margin if several else (1 + (count - 1) * margin) / count
+            )
+            tasks.append(_evenly(own, min(max(right, 0.0), 1.0)))
+        return replace(self, tasks=tuple(tasks))
 
     def shown(self, planned: Design, said: tuple[str, ...]) -> Shown:
         """Return the mean share of each answer, with the spread."""
@@ -95,6 +133,15 @@ class ChoiceModel(Model):
         )
         columns = Column("task", left=True), Column("presented", left=True), *map(Column, (*answers, "spread"))
         return said, (tabulate("Choice model", columns, records, [note]),)
+
+
+def _evenly(own: Answers, right: float) -> Answers:
+    """Return the same task with this share of right answers, and wrong ones that are as frequent."""
+    count = len(own.shares)
+    shares = np.full((count, count + 1), (1 - right) / (count - 1))
+    shares[:, -1] = 0.0
+    np.fill_diagonal(shares, right)
+    return Answers(own.task, shares * own.shares.any(axis=1, keepdims=True), own.spread)
 
 
 def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
@@ -214,6 +261,23 @@ def stated(file: Path, protocol: Protocol) -> ChoiceModel:
     return ChoiceModel(f"stated in {file.name}: {model.source}", tuple(tasks))
 
 
+def observer(right: float, spread: float, protocol: Protocol) -> ChoiceModel:
+    """Return participants who are right in this share of trials of every material, and err evenly.
+
+    Raises `PowerError` for a share that is not between 0 and 1, or a spread that is not from 0 to `MOST_SPREAD`.
+    """
+    if not (0 < right < 1 and 0 <= spread <= MOST_SPREAD):
+        allowed = f"a share of right answers between 0 and 1, and a spread from 0 to {MOST_SPREAD}"
+        raise PowerError("--model", f"got {right:g},{spread:g}", "give two numbers", allowed=allowed)
+    ids = [material.id for material in protocol.materials]
+    tasks = []
+    for task in protocol.tasks:
+        shown = [[1.0 * (name in protocol.materials_of(task))] * (len(ids) + 1) for name in ids]
+        tasks.append(_evenly(Answers(task.id, np.array(shown), np.full(len(ids), spread)), right))
+    said = f"participants who are right in {right:g} of trials, and differ by an intraclass correlation of {spread:g}"
+    return ChoiceModel(said, tuple(tasks))
+
+
 def _answers(task: str, rows: Mapping[str, tuple[Floats, float]], ids: Sequence[str]) -> Answers:
     """Return the answers of a task from shares and spread of each material that it presents."""
     each = [rows.get(material, (np.zeros(len(ids) + 1), 0.0)) for material in ids]
@@ -300,6 +364,45 @@ def draw(answers: Answers, *, trials: int, participants: int, studies: int, rand
             inverse = _guided if trials <= MOST_GUIDED else Inverse
             row[answer] = inverse(trials, share, rest, spread).counts(left, random.random(left.shape))
             left -= row[answer]
+    return counts
+
+
+SCORES = np.linspace(-6.0, 6.0, 2001)
+"""Normal scores between which the shares of participants are interpolated."""
+
+
+def draw_together(answers: Answers, common: Floats, trials: int, random: np.random.Generator) -> Integers:
+    """Return counts as `draw`, from the part of a normal score that tasks and materials have in `common`.
+
+    `common` has shape (M, studies, participants) and a variance of at most 1; the rest of each score is its own.
+    """
+    from scipy.special import betaincinv, ndtr
+
+    materials, *shape = common.shape
+    counts = np.zeros((materials, materials + 1, *shape), dtype=np.int64)
+    own = math.sqrt(1 - 3 * TOGETHER)
+    for place in np.flatnonzero(answers.shares.any(axis=1)).tolist():
+        shares, spread = answers.shares[place].tolist(), float(answers.spread[place])
+        right, scores = shares[place], common[place] + own * random.standard_normal(shape)
+        each: Floats = np.full(shape, right)
+        if spread > 0 and 0 < right < 1:
+            c = 1 / spread - 1
+            each = np.interp(scores, SCORES, betaincinv(right * c, (1 - right) * c, ndtr(SCORES)))
+        counts[place, place] = random.binomial(trials, each)
+        left = trials - counts[place, place]
+        others = [answer for answer, share in enumerate(shares) if share and answer != place]
+        for answer, rest in zip(others, np.cumsum([shares[one] for one in others])[::-1], strict=True):
+            last = answer == others[-1]
+            inverse = _guided if trials <= MOST_GUIDED else Inverse
+            own_counts = (
+                left
+                if last
+                else inverse(trials, shares[answer], float(rest) - shares[answer], spread).counts(
+                    left, random.random(left.shape)
+                )
+            )
+            counts[place, answer] = own_counts
+            left = left - own_counts
     return counts
 
 

@@ -14,21 +14,31 @@ from numpy.typing import NDArray
 from scipy.linalg import helmert
 
 from palpate.analysis.documents.tables import Table, blocks
-from palpate.analysis.identification.confusion import most_confused
+from palpate.analysis.identification.companion_tests import LEAST, MARGIN, slopes_logit
+from palpate.analysis.identification.confusion import Confusion, most_confused
+from palpate.analysis.identification.planned import EQUIVALENCE
 from palpate.analysis.identification.results import EVERY
 from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests, variance_component_icc
-from palpate.analysis.statistics.exact import Floats, Integers, Ratios, of_counts
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Ratios, of_counts
 from palpate.analysis.statistics.icc import NAMES, icc_tests
 from palpate.analysis.statistics.inference import holm, t_tests
-from palpate.analysis.statistics.participants import repeated_tests
+from palpate.analysis.statistics.participants import equivalence_tests, order_tests, repeated_tests
 from palpate.analysis.statistics.sign_flips import sign_flip_tests
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 
+APART = 0.1
+"""What being done first adds to the share of right answers where the order of tasks is planned, not in a null: ours."""
+
+FITTED = 40
+"""So many of a chunk's studies have the logit, of which each takes some 40 ms."""
+
 ABOUT = blocks(Path(__file__).with_name("about.md"))
 
+ORDER, LOGIT = "order of tasks", "logit with participants"
 ADJUSTED = "Holm"
 FLIPS = ", sign flips (ours)"
 REPEATED = "repeated measures (ours)"
+MOST_CONFUSED = "most confused in each study"
 VARIANCE_COMPONENTS = "variance components"
 
 
@@ -144,24 +154,28 @@ def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: floa
     return Design(materials, protocol.tasks, protocol.study.participants, tests, known)
 
 
-def not_simulated(planned: Design) -> tuple[str, ...]:
-    """Return one sentence for each planned test that cannot be simulated."""
-    without: Mapping[str, Callable[[PlannedTest], bool]] = {
+def otherwise(planned: Design) -> tuple[str, ...]:
+    """Return one sentence for each planned test that is not simulated, or not as the others are."""
+    unlike: Mapping[str, Callable[[PlannedTest], bool]] = {
         "another scale": lambda test: test.test in ("Thurstone", "Davidson"),
-        "equivalence": lambda test: test.test == "equivalence",
-        "no simulation": lambda test: test.test in ("logit with participants", "order of tasks"),
+        ORDER: lambda test: test.test == ORDER,
+        LOGIT: lambda test: test.test == LOGIT,
         "another form": lambda test: test.test == "ICC" and _form(test) is None,
     }
+    facts = {"first": f"{APART:g}", "fitted": FITTED}
     return tuple(
-        ABOUT[name].substitute(test=test.test, tasks=" and ".join(test.tasks), form=test.form)
-        for name, is_asked in without.items()
+        ABOUT[name].substitute(test=test.test, tasks=" and ".join(test.tasks), form=test.form, **facts)
+        for name, is_so in unlike.items()
         for test in planned.tests
-        if is_asked(test)
+        if is_so(test)
     )
 
 
-def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Answer]:
-    """Return every planned test of every study; `drawn` holds each task's counts from `choice_models.draw`."""
+def answer(planned: Design, drawn: Mapping[str, Integers], first: float = 0.0) -> dict[Question, Answer]:
+    """Return every planned test of every study; `drawn` holds each task's counts from `choice_models.draw`.
+
+    Being done `first` adds so much to the share of right answers, where the order of tasks is planned.
+    """
     trials = {task.id: task.repetitions for task in planned.tasks}
     every = {task: of_counts(counts, trials[task]) for task, counts in drawn.items()}
     found: dict[Question, Answer] = {}
@@ -175,15 +189,27 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
             found |= dict(_repeated(number, test, planned, drawn))
         elif test.test == "ICC":
             found |= _icc(number, test, planned, every, drawn)
+        elif test.test == ORDER:
+            found |= dict(_order(number, test, planned, drawn, first))
         elif test.test in OVER_PEOPLE:
             found |= dict(OVER_PEOPLE[test.test](number, test, planned, drawn))
     return found
 
 
 def fewest(question: Question, planned: Design, most: int) -> int:
-    """Return the fewest participants, up to `most`, with whom P can be below alpha: two, or 2 / 2^n for sign flips."""
-    flips, alpha = question.flips, question.alpha or 1.0
-    needed = next((n for n in range(2, most) if not flips or 2.0 ** (1 - n) < alpha), most)
+    """Return the fewest participants, up to `most`, with whom P can be below alpha."""
+    alpha = question.alpha or 1.0
+
+    def can(people: int) -> bool:
+        """Return whether it can: sign flips have a least P of 2 / 2^n, orders one in all, or two, a logit a least n."""
+        if question.flips:
+            return 2.0 ** (1 - people) < alpha
+        if question.test == ORDER:
+            first = (people + 1) // 2
+            return people - first > 1 and (1 + (people % 2 == 0)) / math.comb(people, first) < alpha
+        return people >= (LEAST if question.test == LOGIT else 2)
+
+    needed = next((n for n in range(2, most) if can(n)), most)
     places = [place for place, task in enumerate(planned.tasks) if task.id in question.tasks]
     every = ((size, planned.sizes(size)) for size in range(1, most))
     return next((size for size, sizes in every if any(sizes[place] >= needed for place in places)), most)
@@ -243,7 +269,7 @@ def _one_way(
         groups = answers[np.stack([one, other, one, other]), np.stack([one, other, other, one]), studies]
         # As in `Confusion.most_confused`, there is no pair to test where nothing was confused, and of ties.
         p = np.where(one == other, np.nan, one_way_tests(groups).p)
-        yield Question(number, test.test, (task,), "most confused in each study", test.alpha), Answer(p=p)
+        yield Question(number, test.test, (task,), MOST_CONFUSED, test.alpha), Answer(p=p)
 
 
 def _two_way(
@@ -290,17 +316,22 @@ def _between_tasks(
     number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
 ) -> Iterator[tuple[Question, Answer]]:
     """Yield the pairs of tasks, over as many participants as did both."""
-    places = planned.chosen(test, *test.tasks)
-    found = []
-    for one, other in combinations(test.tasks, 2):
-        people = min(drawn[one].shape[-1], drawn[other].shape[-1])
-        common = math.lcm(planned.trials(one), planned.trials(other))
-        sums = [
-            drawn[task][places, places, :, :people].sum(axis=0) * (common // planned.trials(task))
-            for task in (one, other)
-        ]
-        found.append(((one, other), f"{one} less {other}", _flipped(sums[0] - sums[1], len(places) * common), None))
+    pairs = ((pair, *_task_gaps(test, planned, drawn, pair)) for pair in combinations(test.tasks, 2))
+    found = [(pair, " less ".join(pair), _flipped(gaps, most), None) for pair, gaps, most in pairs]
     yield from _in_families(number, test, found)
+
+
+def _task_gaps(
+    test: PlannedTest, planned: Design, drawn: Mapping[str, Integers], pair: tuple[str, str]
+) -> tuple[Integers, int]:
+    """Return the differences of two tasks, shape (studies, participants), as whole numbers, and the largest of all."""
+    places = planned.chosen(test, *pair)
+    people = min(drawn[task].shape[-1] for task in pair)
+    common = math.lcm(*map(planned.trials, pair))
+    one, other = (
+        drawn[task][places, places, :, :people].sum(axis=0) * (common // planned.trials(task)) for task in pair
+    )
+    return one - other, len(places) * common
 
 
 def _between_materials(
@@ -326,8 +357,9 @@ def _in_families(
     """Yield every P of a test, and, where the plan names a family, the same adjusted by Holm's method."""
     for tasks, name, p, above in found:
         yield Question(number, test.test, tasks, name, test.alpha), Answer(p=p, above=above)
+    pairs = test.test == EQUIVALENCE and len(test.tasks) == 1
     families = [tasks if test.correction == "materials" else () for tasks, *_ in found]
-    for family in dict.fromkeys(families) if test.correction else ():
+    for family in dict.fromkeys(families) if test.correction or pairs else ():
         own = [one for one, other in zip(found, families, strict=True) if other == family]
         for (tasks, name, _, above), p in zip(own, holm(np.stack([p for _, _, p, _ in own])), strict=True):
             yield Question(number, test.test, tasks, name, test.alpha, adjusted=True), Answer(p=p, above=above)
@@ -351,6 +383,64 @@ def _repeated_measures(
         yield Question(number, test.test, test.tasks, name, test.alpha), Answer(p=p)
 
 
+def equivalent(
+    number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
+) -> Iterator[tuple[Question, Answer]]:
+    """Yield the pairs of tasks, or those of materials in one task, each within the margin."""
+    found: list[tuple[tuple[str, ...], str, Floats, None]] = []
+    margin = test.margin or MARGIN
+    for pair in combinations(test.tasks, 2):
+        gaps, most = _task_gaps(test, planned, drawn, pair)
+        found.append((pair, " and ".join(pair), _equal(gaps / most, margin), None))
+    for task in test.tasks if len(test.tasks) == 1 else ():
+        ratios = drawn[task] / planned.trials(task)
+        for a, b in combinations(planned.chosen(test, task), 2):
+            apart = (ratios[a, a] - ratios[b, a] + ratios[b, b] - ratios[a, b]) / 2
+            name = f"{planned.materials[a]} and {planned.materials[b]}"
+            found.append(((task,), name, _equal(apart, margin), None))
+    yield from _in_families(number, test, found)
+
+
+def _equal(values: Floats, margin: float) -> Floats:
+    return equivalence_tests(values, margin) if values.shape[-1] > 1 else np.full(values.shape[0], np.nan)
+
+
+def _order(
+    number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers], first: float
+) -> Iterator[tuple[Question, Answer]]:
+    """Yield what being first adds, of participants who begin with the tasks in turn."""
+    begins = [task.id for task in planned.tasks]
+    found = []
+    for pair in combinations(test.tasks, 2):
+        gaps, most = _task_gaps(test, planned, drawn, pair)
+        one, other = (gaps[:, begins.index(task) :: len(begins)] / most for task in pair)
+        found.append((pair, " and ".join(pair), order_tests(one + first, other - first), None))
+    yield from _in_families(number, test, found)
+
+
+def _logit(
+    number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
+) -> Iterator[tuple[Question, Answer]]:
+    """Yield the terms of the logit of as many studies as can be fitted; one without a fit has no P."""
+    people = tuple(map(str, range(max(drawn[task].shape[-1] for task in test.tasks))))
+    factors = {"task": test.tasks, "material": planned.chosen(test, *test.tasks)}
+    found: dict[str, list[float]] = {name: [] for name, of in factors.items() if len(of) > 1}
+    for study in range(min(FITTED, drawn[test.tasks[0]].shape[2])):
+        own = {
+            task: Confusion(planned.materials, people[: of.shape[-1]], np.moveaxis(of[:, :, study], 2, 0))
+            for task, of in drawn.items()
+            if task in test.tasks
+        }
+        try:
+            terms = {one.name: one.p for one in slopes_logit(own).terms}
+        except NotDefined:
+            terms = {}
+        for name, each in found.items():
+            each.append(terms.get(name, math.nan))
+    for name, each in found.items():
+        yield Question(number, test.test, test.tasks, name, test.alpha), Answer(p=np.array(each))
+
+
 OVER_PEOPLE: Mapping[
     str, Callable[[int, PlannedTest, Design, Mapping[str, Integers]], Iterator[tuple[Question, Answer]]]
 ] = {
@@ -358,6 +448,8 @@ OVER_PEOPLE: Mapping[
     "sign flips between tasks": _between_tasks,
     "sign flips between materials": _between_materials,
     "repeated measures": _repeated_measures,
+    LOGIT: _logit,
+    EQUIVALENCE: equivalent,
 }
 """What answers planned tests over participants, by their names."""
 

@@ -97,7 +97,18 @@ def _needed(result: Power) -> Section:
     )
     table = tabulate("", (*NEEDED, *last), records, (*notes, IN_BRACKETS), in_print={"planned", "control"})
     short = tabulate("", (*NEEDED_IN_SHORT, *last), records, (*notes, *_error(counted)))
-    return Section("needed", "Participants needed", _ceiling(result, plan), (table,), brief=(short,))
+    said = (_recommended(result), *_ceiling(result, plan))
+    return Section("needed", "Participants needed", said, (table,), brief=(short,))
+
+
+def _recommended(result: Power) -> str:
+    """Return the one number of participants to plan with, and which tests it leaves short of the target."""
+    found, target = result.recommended(), f"{result.target:g}"
+    short = "; ".join(f"{title(one)}: {subject(one)}" for one in found.lacking)
+    if found.participants is None:
+        return ABOUT["none suffices"].substitute(most=result.participants[-1], target=target)
+    left = ABOUT["short"].substitute(most=result.participants[-1], short=short) if found.lacking else ""
+    return f"{ABOUT['recommended'].substitute(n=found.participants, target=target)} {left}".strip()
 
 
 def _shown(row: Row | None) -> str:
@@ -351,7 +362,7 @@ def as_dict(result: Power) -> dict[str, Any]:
     return {
         "label": result.label, "study": result.study, "model": result.model.source, "notes": list(result.notes),
         "participants": list(result.participants), "studies": result.studies, "seed": result.seed,
-        "target": result.target, "software": software(),
+        "target": result.target, "recommended": result.recommended().participants, "software": software(),
         **{f"{section.slug}_rows": [dict(record) for record in section.records] for section in sections(result)},
     }  # fmt: skip
 

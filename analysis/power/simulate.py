@@ -5,6 +5,7 @@ A chunk's random stream depends on seed, model, size and chunk alone. Chunks run
 
 from __future__ import annotations
 
+import re
 import signal
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,14 +20,18 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 
 from palpate.analysis import designs, published
+from palpate.analysis.identification.planned import EQUIVALENCE
 from palpate.analysis.power.planned_tests import (
+    FLIPS,
+    MOST_CONFUSED,
+    REPEATED,
     Answer,
     Design,
     Model,
     Question,
     design,
     fewest,
-    not_simulated,
+    otherwise,
 )
 from palpate.analysis.statistics.inference import wilson
 from palpate.experiment import storage
@@ -124,6 +129,17 @@ class Needed:
 
 
 @dataclass(frozen=True)
+class Recommended:
+    """The fewest participants tried with whom every planned test reaches the target, but those of `lacking`.
+
+    `participants` is None where no test does.
+    """
+
+    participants: int | None
+    lacking: tuple[Question, ...]
+
+
+@dataclass(frozen=True)
 class Power:
     """What was simulated, and its results."""
 
@@ -143,18 +159,20 @@ class Power:
     def to_frame(self) -> pd.DataFrame:
         """Return a row for each question, model (or "guessing", whose power is the type I error) and size; SIMULATED.
 
-        Beside `power` stand Wilson's 95 % limits, its Monte Carlo error; all are NaN where an estimate is wanted.
+        `correction` is that of P, "Holm" or "none". Beside `power` stand Wilson's 95 % limits, its Monte Carlo error;
+        all are NaN where an estimate is wanted.
         """
         import pandas as pd
 
         rows = [
-            (row.question.test, ", ".join(row.question.tasks), row.question.subject, row.question.alpha, row.kind,
-             row.participants, row.tally.studies, row.power, *(row.interval or (None, None)), row.tally.undefined,
+            (row.question.plan + 1, row.question.test, ", ".join(row.question.tasks), row.question.subject,
+             "Holm" if row.question.adjusted else "none", row.question.alpha, row.kind, row.participants,
+             row.tally.studies, row.power, *(row.interval or (None, None)), row.tally.undefined,
              row.quantiles and row.quantiles[1])
             for row in self.rows
         ]  # fmt: skip
-        columns = ("test", "tasks", "subject", "alpha", "model", "participants", "studies", "power", "low", "high",
-                   "undefined", "median")  # fmt: skip
+        columns = ("planned_test", "test", "tasks", "subject", "correction", "alpha", "model", "participants",
+                   "studies", "power", "low", "high", "undefined", "median")  # fmt: skip
         return pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(("alpha", "power", "low", "high"), "float64"))
 
     @property
@@ -175,6 +193,12 @@ class Power:
         """Return the rows of one question under the model, by number of participants."""
         return [row for size in self.participants if (row := self.row(question, size))]
 
+    def recommended(self) -> Recommended:
+        """Return the one number of participants to plan with: that of all tests, as the protocol plans them."""
+        reached = {one: self.needed(one).likely for one in self.questions if _planned(self, one)}
+        enough = [size for size in reached.values() if size is not None]
+        return Recommended(max(enough, default=None), tuple(one for one, size in reached.items() if size is None))
+
     @cached_property
     def _places(self) -> dict[tuple[Question, int, Kind], Row]:
         return {(row.question, row.participants, row.kind): row for row in self.rows}
@@ -192,8 +216,17 @@ class Power:
         return Needed(likely_at, max(max(below, default=0) + 1, fewest(question, self.design, high_at)), low_at)
 
 
+def _planned(result: Power, question: Question) -> bool:
+    """Return whether a question has the P that the protocol plans, and a subject that was chosen beforehand."""
+    others = (other for other in result.questions if other.plan == question.plan and other.subject == question.subject)
+    corrected = result.design.tests[question.plan].correction is not None or question.test == EQUIVALENCE
+    last = question.adjusted or not (corrected and any(other.adjusted for other in others))
+    ours = question.subject.endswith((FLIPS, MOST_CONFUSED)) or question.test == REPEATED
+    return question.alpha is not None and last and corrected >= question.adjusted and not ours
+
+
 def find(name: str, protocol: Protocol) -> Model:
-    """Return the model called `name`: `published`, the id of a published study, a dataset's folder, or a TOML file.
+    """Return the model called `name`: `published`, a study's id, a dataset's folder, a TOML file, or two numbers.
 
     Raises `PowerError` for no such model, one that lacks a task or a material, a scale without a limit, or where no
     test can be simulated; `DatasetError` or `ProtocolError` for a dataset or file that cannot be read.
@@ -213,10 +246,14 @@ def find(name: str, protocol: Protocol) -> Model:
         found = models.fitted(path, protocol)
     elif not own and (path.suffix == ".toml" or path.exists()):
         found = models.stated(path, protocol)
+    elif (numbers := re.fullmatch(r"(\d*\.?\d+),(\d*\.?\d+)", name)) and planned.name == "identification":
+        found = models.observer(float(numbers[1]), float(numbers[2]), protocol)
     else:
         raise PowerError(
             f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study "
-            f"whose printed {models.PRINTED} palpate holds, the folder of a dataset, or a TOML file; give one of these"
+            f"whose printed {models.PRINTED} palpate holds, the folder of a dataset, a TOML file, or, where materials "
+            "are named, two numbers, 0.8,0.15: the share of right answers, and how unlike participants are; give one "
+            "of these"
         )
     return found
 
@@ -273,7 +310,7 @@ def run(
         for (kind, size), questions in rows.items()
         for question, tallies in questions.items()
     )
-    notes = (*model.notes, *not_simulated(planned))
+    notes = (*model.notes, *otherwise(planned))
     return Power(protocol.study.id, planned, model, sizes, studies, seed, target, found, notes)
 
 

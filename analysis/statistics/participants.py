@@ -206,6 +206,33 @@ def order_effect(one: Sequence[Number], other: Sequence[Number], rng: np.random.
     return Order(people, value, value - reach, value + reach, p, (1 + (sizes[0] == sizes[1])) / ways, error)
 
 
+ORDERS = 1999
+"""So many orders are drawn for many studies at once, where there are more."""
+
+
+def order_tests(one: Floats, other: Floats) -> Floats:
+    """Return P of `order_effect` of studies, from differences of shape (studies, participants of either order).
+
+    Where there are more than `ORDERS` ways to give the orders, the same `ORDERS` draws serve all studies. NaN if there
+    are fewer than two in either, or all have the same difference.
+    """
+    values = np.concatenate([one, other], axis=1)
+    people, first = values.shape[1], one.shape[1]
+    if min(first, people - first) < 2:
+        return np.full(len(values), np.nan)
+    drawn = math.comb(people, first) > ORDERS
+    if drawn:
+        ranks = np.random.default_rng([people, first]).random((ORDERS, people)).argsort(axis=1)
+        chosen = ranks < first
+    else:
+        chosen = np.array([np.isin(range(people), own) for own in combinations(range(people), first)])
+    apart = abs(values @ chosen.T - values.sum(axis=1, keepdims=True) * (first / people))
+    reached = abs(one.sum(axis=1) - values.sum(axis=1) * (first / people))
+    hits = np.count_nonzero(apart >= reached[:, None] - 1e-9, axis=1)
+    p = (hits + drawn) / (len(chosen) + drawn)
+    return np.where(np.ptp(values, axis=1) > 1e-12, p, np.nan)
+
+
 @dataclass(frozen=True)
 class Jackknife:
     """An estimate corrected for its bias, with its standard error and the limits of Student's t at `confidence`."""

@@ -157,7 +157,8 @@ def power(
         typer.Option(
             "--model",
             help="How simulated participants answer: as in the 'published' tables of this study, as in another "
-            "published study (its id), as in a dataset (its folder), or as a TOML file says.",
+            "published study (its id), as in a dataset (its folder), as a TOML file says, or by two numbers (0.8,0.15): "
+            "how often right, and how unlike (intraclass correlation).",
         ),
     ] = "published",
     participants: Annotated[

@@ -9,8 +9,8 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis import published
-from palpate.analysis.power import choice_models, simulate
-from palpate.analysis.power.choice_models import Answers, draw
+from palpate.analysis.power import choice_models, planned_tests, simulate
+from palpate.analysis.power.choice_models import Answers, ChoiceModel, draw
 from palpate.experiment.errors import PowerError, ProtocolError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
@@ -204,3 +204,36 @@ def test_print_without_participants_and_trials_has_no_spread(protocol: Protocol,
 def test_a_published_study_of_another_kind_lacks_the_tasks(protocol: Protocol, refuses: Refuses) -> None:
     with refuses(PowerError):
         simulate.find("wellman1995", protocol)
+
+
+def test_an_observer_of_two_numbers_is_as_often_right_and_as_unlike() -> None:
+    """Beta-binomial variance (Skellam 1948): p (1 - p) m (1 + (m - 1) rho)."""
+    protocol = files.load(shipped("okamoto2012.toml"))
+    model = simulate.find("0.8,0.15", protocol)
+    assert isinstance(model, ChoiceModel)
+    drawn = model.drawn(planned_tests.design(protocol, {}), 15, 2000, np.random.default_rng(1))
+    right = drawn["virtual"][2, 2]
+    assert right.mean() == pytest.approx(8.0, abs=0.03)
+    assert right.var() == pytest.approx(0.16 * 10 * (1 + 9 * 0.15), rel=0.03)
+    for wrong in ("1.2,0.1", "0.8,1"):
+        with pytest.raises(PowerError):
+            simulate.find(wrong, protocol)
+
+
+def test_a_control_differs_as_much_and_by_task_and_material() -> None:
+    """As much in each cell as the model, with a correlation of the right share between tasks of one material."""
+    protocol = files.load(shipped("okamoto2012.toml"))
+    model = simulate.find("0.8,0.3", protocol).control(protocol)
+    assert isinstance(model, ChoiceModel)
+    drawn = model.drawn(planned_tests.design(protocol, {}), 15, 2000, np.random.default_rng(1))
+    virtual, real = (drawn[task][range(4), range(4), :, :10] / 10 for task in ("virtual", "real"))
+    assert virtual.mean() == pytest.approx(0.25, abs=0.003)
+    assert virtual.var() == pytest.approx(0.1875 * (0.3 + 0.7 / 10), rel=0.02)
+    same = np.corrcoef(virtual[0].ravel(), real[0].ravel())[0, 1]
+    another = np.corrcoef(virtual[0].ravel(), real[1].ravel())[0, 1]
+    within = np.corrcoef(virtual[0].ravel(), virtual[1].ravel())[0, 1]
+    # Half, a quarter and a half of the spread, which is 0.3 / 0.37 of the variance, in common.
+    assert same == pytest.approx(0.5 * 0.3 / 0.37, abs=0.04)
+    assert another == pytest.approx(0.25 * 0.3 / 0.37, abs=0.04)
+    assert within == pytest.approx(0.5 * 0.3 / 0.37, abs=0.04)
+    assert (drawn["virtual"].sum(axis=1) == 10).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -190,7 +191,7 @@ def test_a_form_nobody_knows_is_stated(approved: SnapshotAssertion) -> None:
     protocol = files.load(shipped("okamoto2012.toml"))
     plan = ICC_FORM.model_copy(update={"form": "the usual one"})
     design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
-    (sentence,) = planned_tests.not_simulated(design)
+    (sentence,) = planned_tests.otherwise(design)
     assert sentence == approved
     drawn = {task.id: np.ones((4, 5, 1, 3), dtype=np.int64) for task in design.tasks}
     assert planned_tests.answer(design, drawn) == {}
@@ -229,6 +230,10 @@ OVER_PEOPLE: tuple[dict[str, object], ...] = (
     {"test": "sign flips between materials", "correction": "materials"},
     {"test": "repeated measures"},
     {"test": "repeated measures", "tasks": ("real",)},
+    {"test": "equivalence", "margin": 0.2},
+    {"test": "equivalence", "tasks": ("virtual",), "margin": 0.3},
+    {"test": "logit with participants"},
+    {"test": "order of tasks"},
 )
 
 
@@ -251,9 +256,27 @@ def test_planned_tests_over_participants_are_those_of_analyse(protocol: Protocol
     made = {task: Confusion(design.materials, who, np.moveaxis(of[:, :, 0], 2, 0)) for task, of in drawn.items()}
     part = Part("p", who, tuple(made), plan)
     study = Study("s", "s", "REHEARSAL", "", design.materials, (), who, {}, {}, DataFrame(), (), (), (part,), {})
+    study = replace(study, first_tasks={person: design.tasks[int(person) % 2].id for person in who})
     found = [line for one in analysed(study, made, np.random.default_rng(1)) for line in one.lines]
     plain = [answer.p for question, answer in answers.items() if not question.adjusted and answer.p is not None]
     assert np.concatenate(plain) == pytest.approx([line.p for line in found], abs=1e-9)
     holm = [answer.p for question, answer in answers.items() if question.adjusted and answer.p is not None]
     assert np.concatenate(holm) == pytest.approx([line.p_holm for line in found if line.p_holm is not None], abs=1e-9)
-    assert planned_tests.not_simulated(design) == ()
+    assert len(planned_tests.otherwise(design)) == 2
+
+
+def test_what_the_control_has_of_equivalence_and_order(protocol: Protocol) -> None:
+    """Tasks that differ by the margin: one-sided tests err in at most 5 %, and being first adds nothing."""
+    tests = tuple(
+        PlannedTest.model_validate({"tasks": ("virtual", "real"), "question": "?", **of})
+        for of in ({"test": "equivalence", "margin": 0.3}, {"test": "order of tasks"})
+    )
+    plan = protocol.model_copy(update={"analysis": tests})
+    design, model = planned_tests.design(plan, {}), simulate.find("published", protocol)
+    found = [
+        {question.test: float((answer.p < 0.05).mean()) for question, answer in every.items() if answer.p is not None}
+        for one in (model, model.control(plan))
+        for every, _ in [one.answers(design, 24, 400, np.random.default_rng(1))]
+    ]
+    assert found[0]["order of tasks"] > 0.5
+    assert max(found[1].values()) < 0.08

@@ -23,7 +23,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis import designs
 from palpate.analysis.power import planned_tests, report, simulate
-from palpate.analysis.power.choice_models import Answers, ChoiceModel, draw, fitted
+from palpate.analysis.power.choice_models import Answers, ChoiceModel, fitted
 from palpate.analysis.power.planned_tests import FLIPS, Model
 from palpate.analysis.power.simulate import Chunk, Power
 from palpate.analysis.statistics.inference import t_against_chance
@@ -283,11 +283,8 @@ def test_the_risk_of_a_wrong_star_is_that_of_each_study_counted(correction: str 
     control = [row for row in result.rows if row.kind == "guessing"]
     model = guess(study).control(study)
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(1, spawn_key=(1, 15, 0))))
-    drawn = {
-        task.id: draw(answers, trials=10, participants=size, studies=400, random=random)
-        for task, answers, size in zip(result.design.tasks, model.tasks, (15, 10), strict=True)
-    }
-    found = planned_tests.answer(result.design, drawn)
+    assert isinstance(model, ChoiceModel)
+    found = planned_tests.answer(result.design, model.drawn(result.design, 15, 400, random))
     for row in control:
         asked, one = row.question, found[row.question]
         alike = [
@@ -318,6 +315,24 @@ def test_no_number_is_said_to_suffice_with_which_a_test_cannot_find_anything() -
     assert found == {"virtual": simulate.Needed(12, 6, 12), "real": simulate.Needed(12, 9, 12)}
     two_way = next(question for question in result.questions if question.test == "two-way ANOVA")
     assert [planned_tests.fewest(one, result.design, 12) for one in (result.questions[0], two_way)] == [2, 2]
+    # No two-way ANOVA, and no t, is defined where all are always right.
+    assert result.recommended().participants is None
+
+
+@pytest.mark.parametrize(("test", "least"), [("order of tasks", 7), ("logit with participants", 6), ("equivalence", 2)])
+def test_the_fewest_of_each_test(test: str, least: int) -> None:
+    """2 / (4 over 2) = 0.33, 1 / (5 over 3) = 0.1, 2 / (6 over 3) = 0.1, 1 / (7 over 4) = 0.029: seven can."""
+    study = protocol(people=(15, 15))
+    question = planned_tests.Question(0, test, ("virtual", "real"), "?", 0.05)
+    assert planned_tests.fewest(question, planned_tests.design(study, {}), 12) == least
+
+
+def test_one_number_is_recommended_for_all_tests() -> None:
+    study = protocol()
+    result = run(study, guess(study), participants=(10, 25), studies=200)
+    found = result.recommended()
+    assert found.participants == 25
+    assert {one.subject for one in found.lacking} >= {"typing paper", "task x material, types I, II, III"}
 
 
 @pytest.mark.parametrize(
