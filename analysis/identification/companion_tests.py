@@ -164,7 +164,10 @@ def right_answers(tasks: Mapping[str, Confusion]) -> tuple[tuple[str, ...], Inte
 
 
 def slopes_logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
-    """Return the logit of every participant's counts; who lacks a task or a material has no trials there."""
+    """Return the logit of every participant's counts; who lacks a task or a material has no trials there.
+
+    Its covariance is that of maximum likelihood over 1 - 1 / n, as the spread of n participants has n - 1 df.
+    """
     people, right, trials = right_answers(tasks)
     if len(people) < LEAST:
         raise NotDefined(f"it needs {LEAST} participants, got {len(people)}")
@@ -181,15 +184,17 @@ def slopes_logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
     if np.linalg.matrix_rank(cells.fixed) < cells.fixed.shape[1]:
         raise NotDefined("tasks and materials cannot be told apart: too few materials are presented in several tasks")
     found = mixed_logit.fit(right[:, held], trials[:, held], cells)
+    # Likelihood takes the spread of n participants about their own mean, which has n - 1 df.
+    covariance = found.covariance * (len(people) / (len(people) - 1))
     factors = [(what, of) for what, of in (("task", list(tasks)), ("material", list(names))) if len(of) > 1]
     labels = ["intercept", *(f"{level} (against {of[0]})" for _, of in factors for level in of[1:])]
-    errors = np.sqrt(np.diag(found.covariance))
+    errors = np.sqrt(np.diag(covariance))
     terms, first = [], 1
     for what, of in factors:
         part = slice(first, first + len(of) - 1)
         own = found.coefficients[part]
         df1 = len(of) - 1
-        f = float(own @ np.linalg.solve(found.covariance[part, part], own)) / df1
+        f = float(own @ np.linalg.solve(covariance[part, part], own)) / df1
         df2 = df1 * (len(people) - 1)
         terms.append(Term(what, f, df1, df2, float(fdtrc(df1, df2, f))))
         first += df1

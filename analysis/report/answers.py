@@ -91,13 +91,17 @@ def misfit_words(one: Misfit) -> str:
     return f"F({one.df1}, {one.df2}) = {one.f:.2f}, {p_is(one.p)}"
 
 
-def left_and_sure(study: Study) -> str:
-    """Return what was left out by rule, and how sure the data are."""
-    return " ".join([*exclusions_section(study).paragraphs, how_sure(study)])
+VERIFY = "`palpate verify`"
+"""What checks a dataset."""
 
 
-def how_sure(study: Study) -> str:
-    """Return whether the plan was sealed, which anchors the data have, and how to check them."""
+def left_and_sure(study: Study, verify: str = VERIFY) -> str:
+    """Return what was left out by rule, and how sure the data are, which `verify` checks."""
+    return " ".join([*exclusions_section(study).paragraphs, how_sure(study, verify)])
+
+
+def how_sure(study: Study, verify: str = VERIFY) -> str:
+    """Return whether the plan was sealed, which anchors the data have, and that `verify` checks them."""
     known = [part for part in study.parts if part.protocol is not None]
     if not known:
         return "No protocol is in the dataset, so nothing shows what was planned."
@@ -107,7 +111,7 @@ def how_sure(study: Study) -> str:
         return f"{' '.join(said)} No anchor is in the dataset, so nothing shows that its data were not changed."
     which = f"anchor {anchors[0]}" if len(anchors) == 1 else f"{len(anchors)} anchors, the last {anchors[-1]}"
     return (
-        f"{' '.join(said)} The dataset has {which}; compare it with your lab book. `palpate verify` checks the data "
+        f"{' '.join(said)} The dataset has {which}; compare it with your lab book. {verify} checks the data "
         f"against {'it' if len(anchors) == 1 else 'them'}."
     )
 
@@ -230,8 +234,14 @@ def planned_sections(results: Results) -> tuple[Section, ...]:
     why = tuple(
         f"{one.plan.test}, {name}: {reason}." for one in results.planned for name, reason in one.statements.items()
     )
+    lacking: list[Record] = [
+        {"test": one.plan.test, "tasks": ", ".join(one.plan.tasks), "of": name, "statement": reason}
+        for one in results.planned
+        for name, reason in one.statements.items()
+    ]
     table = tabulate("", PLANNED_LINES, records, standing=PLANNED)
-    return (Section("planned", "Planned tests", why, (table,) if records else ()),) if results.planned else ()
+    section = Section("planned", "Planned tests", why, (table,) if records else (), tuple(lacking))
+    return (section,) if results.planned else ()
 
 
 def _published(

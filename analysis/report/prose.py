@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from palpate.analysis.documents.tables import Record, Section, joined, plural
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report.answers import left_and_sure
+from palpate.analysis.report.plan import EXPLORATORY
 from palpate.experiment.records import software
 
 CITED = "Braces have the file in the folder `tables`, and its line; line 1 has the headings."
@@ -53,7 +54,7 @@ def _methods(study: Study, rows: Sections) -> Iterator[str]:
         silent = f", {one['without_answer']} without an answer" if one["without_answer"] else ""
         people, trials = plural(one["participants"], "participant"), plural(one["trials"], "trial")
         yield f"In {one['title']}, {people} did {trials}{chance}{silent} {row}."
-    yield left_and_sure(study).replace("`palpate verify` checks", "The command palpate verify checks")
+    yield left_and_sure(study, "The command palpate verify")
     for plan in dict.fromkeys(study.plans()):
         holm = "" if plan.correction is None else f", p by Holm over the {plan.correction}"
         yield f"Planned: {plan.test} of {joined(plan.tasks)} (alpha = {bounded(plan.alpha)}{holm})."
@@ -79,27 +80,47 @@ def _results(study: Study, rows: Sections) -> Iterator[str]:
     ]
     for test, tasks in plans:
         found = PUBLISHED[test](rows, tasks) if test in PUBLISHED else _planned(rows, test, tasks)
-        yield from list(found) or [f"No result: {test} of {joined(tasks)}."]
+        yield from list(found) or [f"No result: {test} of {joined(tasks)}."] * (not list(_lacking(rows, test, tasks)))
+        yield from _lacking(rows, test, tasks)
+
+
+def _lacking(rows: Sections, test: str, tasks: Sequence[str]) -> Iterator[str]:
+    """Yield each part of a test without a result, and why."""
+    slug, kind = WHERE.get(test, ("planned", ""))
+    for row in rows.get(slug, ()):
+        one = row.record
+        if not (why := one.get("statement")):
+            continue
+        of = one.get("task")
+        if slug == "planned" and one["test"] == test and {*one["tasks"].split(", ")} <= {*tasks}:
+            yield f"No result for {one['of']} ({test}): {why} {row}."
+        elif slug == "tests" and of in tasks:
+            yield f"No t for {one['material']} in {of}: {why} {row}."
+        elif slug == "anova" and one["analysis"].startswith(kind) and (of in tasks or kind == "two-way"):
+            yield f"No result for {joined(tasks) if of == 'all' else of} ({test}): {why} {row}."
 
 
 def _against_chance(rows: Sections, tasks: Sequence[str]) -> Iterator[str]:
-    chances = {row.record["task"]: row.record["chance"] for row in rows["overview"]}
+    tests = {(row.record["task"], row.record["material"]): row for row in rows["tests"]}
     for row in rows["found"]:
         one = row.record
         if one["quantity"] == "correct answer ratio" and one["task"] in tasks and one["value"] is not None:
-            parts = [f"M = {bounded(one['value'])} (chance {bounded(chances[one['task']])})", *_interval(one, 0.95)]
+            tested = tests[one["task"], one["of"]]
+            chance = bounded(tested.record["chance"])
+            parts = [f"M = {bounded(one['value'])} (chance {chance})", *_interval(one, 0.95)]
             if one["p"] is not None:
-                parts.append(f"t({one['n'] - 1}) = {one['statistic']:.2f}, {p_value(one['p'])}")
+                parts.append(f"t({tested.record['df']}) = {one['statistic']:.2f}, {p_value(one['p'])}")
             if (p := one["p_sign_flip_ours"]) is not None:
                 parts.append(f"exact sign flips, {p_value(p)}")
-            yield f"In {one['task']}, {one['of']} was named correctly in {', '.join(parts)} {row}."
+            yield f"In {one['task']}, {one['of']} was named correctly in {', '.join(parts)} {row} {tested}."
 
 
 def _one_way(rows: Sections, tasks: Sequence[str]) -> Iterator[str]:
     for row in rows["anova"]:
         one = row.record
         if one["analysis"] == "one-way" and one["task"] in tasks and one.get("f") is not None:
-            yield f"In {one['task']}, the one-way ANOVA of {one['of']} gave {_f(row, rows)}."
+            mark = "exploratory " if one["standing"] == EXPLORATORY else ""
+            yield f"In {one['task']}, the {mark}one-way ANOVA of {one['of']} gave {_f(row, rows)}."
 
 
 def _two_way(rows: Sections, _: Sequence[str]) -> Iterator[str]:
@@ -120,6 +141,12 @@ def _icc(rows: Sections, _: Sequence[str]) -> Iterator[str]:
             yield ", ".join([f"The {one['form']} ICC was {bounded(one['icc'])}", *_interval(one, 0.95)]) + f" {row}."
 
 
+WHERE = {
+    "t against chance": ("tests", ""), "one-way ANOVA": ("anova", "one-way"), "two-way ANOVA": ("anova", "two-way"),
+    "ICC": ("icc", ""),
+}  # fmt: skip
+"""The section in which a published test says why it has no result, and the kind of its rows."""
+
 PUBLISHED: Mapping[str, Callable[[Sections, Sequence[str]], Iterator[str]]] = {
     "t against chance": _against_chance,
     "one-way ANOVA": _one_way,
@@ -132,7 +159,9 @@ PUBLISHED: Mapping[str, Callable[[Sections, Sequence[str]], Iterator[str]]] = {
 def _f(row: Row, rows: Sections) -> str:
     """Return F with both df; those of the residual stand in the next row of the same analysis without an F."""
     one = row.record
-    rest = next(other for other in rows["anova"][rows["anova"].index(row) :] if other.record["source"] == "residual")
+    rest = next(
+        other for other in rows["anova"][rows["anova"].index(row) :] if other.record.get("source") == "residual"
+    )
     size = f", partial η² = {bounded(one['partial_eta_squared'])}"
     limits = "".join(f", {part}" for part in _interval({"low": one["eta_low"], "high": one["eta_high"]}, 0.9))
     tested = f"F({one['df']}, {rest.record['df']}) = {one['f']:.2f}, {p_value(one['p'])}"
@@ -149,7 +178,7 @@ VERDICTS = {
 def _planned(rows: Sections, test: str, tasks: Sequence[str]) -> Iterator[str]:
     for row in rows.get("planned", ()):
         one = row.record
-        if one["test"] != test or not {*one["tasks"].split(", ")} <= {*tasks}:
+        if "p" not in one or one["test"] != test or not {*one["tasks"].split(", ")} <= {*tasks}:
             continue
         shown, other = VERDICTS.get(test, ("was significant", "was not significant"))
         parts = [] if one["value"] is None else [f"M = {bounded(one['value'])}"]

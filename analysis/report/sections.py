@@ -1,6 +1,6 @@
 """Results -> sections: the tables of the report, the records behind them, and every formula by its name."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -281,6 +281,7 @@ EFFECTS = (
     Column("source", left=True), Column("ss", "SS", 4), Column("df"), Column("ms", "MS", 4), Column("f", "F", 2),
     P, Column("partial_eta_squared", "partial η²"), Column(("eta_low", "eta_high"), "90 % CI"),
 )  # fmt: skip
+NONE_OF_TWO_WAY = "two-way, all types"
 TYPE = Column("analysis", "type", show=lambda kind: kind.removeprefix("two-way, type "), left=True)
 
 
@@ -290,15 +291,20 @@ def anova_section(results: Results, remark: tuple[str, ...], stands: plans.Stand
     for pair in results.pairs:
         if pair.anova is not None:
             of = f"{' and '.join(pair.pair)} ({pair.chosen})"
-            lines = _effects(pair.anova, analysis="one-way", task=pair.task, of=of)
+            mark = stands.of_pair(pair)
+            lines = _effects(pair.anova, analysis="one-way", task=pair.task, of=of, standing=mark)
             title = f"One-way, {pair.task}: the four answer ratios of {of}"
-            tables.append(tabulate(title, EFFECTS, lines, standing=stands.of_pair(pair)))
-    if two_way := [line for each in results.two_way for line in _effects(each, analysis=each.kind, task="all")]:
+            tables.append(tabulate(title, EFFECTS, lines, standing=mark))
+    mark = stands.mark(plans.TWO_WAY, *(task.task.id for task in results.tasks))
+    of_tasks = {"task": "all", "standing": mark}
+    if two_way := [line for each in results.two_way for line in _effects(each, analysis=each.kind, **of_tasks)]:
         title = "Two-way: correct ratios by task and material"
-        mark = stands.mark(plans.TWO_WAY, *(task.task.id for task in results.tasks))
         tables.append(tabulate(title, (TYPE, *EFFECTS), two_way, standing=mark))
     lines_of = [line for table in tables for line in table.records]
-    return Section("anova", "Analysis of variance", (*remark, *_about_anova(results, lines_of)), tuple(tables))
+    undefined = tuple(_undefined(results))
+    about = (*remark, *_about_anova(undefined, lines_of))
+    lacking = tuple({"analysis": kind, "task": task, "statement": reason} for kind, task, reason in undefined)
+    return Section("anova", "Analysis of variance", about, tuple(tables), lacking)
 
 
 def _effects(anova: Anova, **of: str) -> Iterator[Record]:
@@ -311,17 +317,27 @@ def _effects(anova: Anova, **of: str) -> Iterator[Record]:
         yield line
 
 
-def _about_anova(results: Results, lines: list[Record]) -> Iterator[str]:
+def _undefined(results: Results) -> Iterator[tuple[str, str, str]]:
+    """Yield the kind and the task of each ANOVA that is missing, and why."""
+    for pair in results.pairs:
+        if reason := pair.anova.statement if pair.anova else pair.statement:
+            yield "one-way", pair.task, reason
+    yield from ((each.kind, "all", each.statement) for each in results.two_way if each.statement)
+    if results.two_way_statement:
+        yield NONE_OF_TWO_WAY, "all", results.two_way_statement
+    tested = {pair.task for pair in results.pairs}
+    yield from (("one-way", task.task.id, plans.NEVER) for task in results.tasks if task.task.id not in tested)
+
+
+def _about_anova(undefined: Sequence[tuple[str, str, str]], lines: list[Record]) -> Iterator[str]:
     """Yield what the analyses assume, and why one of them, or an interval, is missing."""
     yield plans.ABOUT["anova"].substitute()
-    said = [(f"one-way ANOVA of {p.task}", p.anova.statement if p.anova else p.statement) for p in results.pairs]
-    said += [(each.kind.replace(",", " ANOVA of"), each.statement) for each in results.two_way]
-    for name, reason in dict(one for one in said if one[1]).items():
-        yield f"The {name} is not defined: {reason}."
-    tested = {pair.task for pair in results.pairs}
-    for task in results.tasks:
-        if task.task.id not in tested:
-            yield f"There is no one-way ANOVA of {task.task.id}: {plans.NEVER}."
+    for kind, task, reason in undefined:
+        name = f"one-way ANOVA of {task}" if kind == "one-way" else kind.replace(",", " ANOVA of")
+        if reason == plans.NEVER:
+            yield f"There is no {name}: {reason}."
+        elif kind != NONE_OF_TWO_WAY:
+            yield f"The {name} is not defined: {reason}."
     for line in lines:
         if line.get("partial_eta_squared") is not None and None in (line["eta_low"], line["eta_high"]):
             of = f"{line['task']}, {line['of']}" if "of" in line else line["analysis"]
@@ -329,8 +345,7 @@ def _about_anova(results: Results, lines: list[Record]) -> Iterator[str]:
                 f"The interval of partial η² is not defined for {of}, {line['source']}: the noncentral F cannot be "
                 "computed so far out."
             )
-    if results.two_way_statement:
-        yield f"There is no two-way ANOVA: {results.two_way_statement}."
+    yield from (f"There is no two-way ANOVA: {reason}." for kind, _, reason in undefined if kind == NONE_OF_TWO_WAY)
 
 
 def _ratio(cell: Record) -> str:

@@ -190,7 +190,7 @@ def run(file: Path, studies: int, seconds: float) -> None:
     every = list(enumerate(cells()))
     order = np.random.default_rng(1).permutation(len(every)).tolist()
     for count, wanted in ((studies, None), (AGAIN * studies, WORST)):
-        known = {line["cell"] for line in lines(file) if line["studies"] == count}
+        known = {line["cell"] for line in lines(file) if int(str(line["studies"])) >= count}
         names = {str(line["cell"]) for line in _worst(lines(file), studies)} if wanted else None
         for seed, cell in (every[place] for place in order):
             if time.process_time() > seconds:
@@ -210,8 +210,8 @@ def printed(line: dict[str, object]) -> str:
 
 def _worst(of: Sequence[dict[str, object]], studies: int) -> list[dict[str, object]]:
     """Return the lines of so many studies in which what is printed covers least."""
-    own = [line for line in of if line["studies"] == studies]
-    return sorted(own, key=lambda line: line["found"][printed(line)][0])[:WORST]  # type: ignore[index]
+    own = [line for line in of if studies <= int(str(line["studies"])) < AGAIN * studies]
+    return sorted(own, key=lambda line: line["found"][printed(line)][0] / line["studies"])[:WORST]  # type: ignore[index,operator]
 
 
 def lines(file: Path) -> list[dict[str, object]]:
