@@ -109,14 +109,13 @@ def run_companions(study: Study, tasks: Mapping[str, Confusion], rng: np.random.
 
 def _ratios(matrix: Confusion, people: Sequence[str], places: Sequence[int]) -> Floats:
     """Return the correct ratios of these participants to the materials at these places, shape (people, places)."""
-    rows = [matrix.participants.index(label) for label in people]
+    rows = matrix.rows(people)
     right = np.diagonal(matrix.counts[rows, :, :-1], axis1=1, axis2=2)
     return np.asarray(right[:, places] / matrix.trials[rows][:, places])
 
 
 def _both(tasks: Sequence[Confusion]) -> tuple[Repeated, ...]:
-    people, places = in_every(tasks), shared(tasks)
-    values = np.stack([_ratios(task, people, places) for task in tasks], axis=1)
+    values = np.stack([_ratios(task, in_every(tasks), shared(tasks)) for task in tasks], axis=1)
     return repeated(values, ["task", "material"])
 
 
@@ -130,21 +129,16 @@ def _paired(first: str, second: str, tasks: Mapping[str, Confusion], rng: np.ran
     right = [[matrix.ratios(i, i) for i in places] for matrix in pair]
     gaps = [sum((a[who] - b[who] for a, b in zip(*right, strict=True)), Fraction(0)) / len(places) for who in people]
     test = t_against_chance(gaps, 0)
-    return Paired(
-        first,
-        second,
-        test,
-        None if test.t is None else cohens_d(test.t, test.df),
-        sign_flip(gaps, 0, rng),
-        difference_limits(*_pooled(pair, people, places), np.array(gaps, dtype=np.float64)),
-    )
+    limits = difference_limits(*_pooled(pair, people, places), np.array(gaps, dtype=np.float64))
+    d = None if test.t is None else cohens_d(test.t, test.df)
+    return Paired(first, second, test, d, sign_flip(gaps, 0, rng), limits)
 
 
 def _pooled(tasks: Sequence[Confusion], people: Sequence[str], places: Sequence[int]) -> tuple[Integers, Integers]:
     """Return right answers and trials of these participants with these materials, each of shape (tasks, people)."""
     right, trials = [], []
     for matrix in tasks:
-        rows = [matrix.participants.index(label) for label in people]
+        rows = matrix.rows(people)
         right.append(np.diagonal(matrix.counts[rows, :, :-1], axis1=1, axis2=2)[:, places].sum(axis=1))
         trials.append(matrix.trials[rows][:, places].sum(axis=1))
     return np.array(right), np.array(trials)
@@ -164,10 +158,7 @@ def right_answers(tasks: Mapping[str, Confusion]) -> tuple[tuple[str, ...], Inte
 
 
 def slopes_logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
-    """Return the logit of every participant's counts; who lacks a task or a material has no trials there.
-
-    Its covariance is that of maximum likelihood over 1 - 1 / n, as the spread of n participants has n - 1 df.
-    """
+    """Return the logit of every participant's counts; who lacks a task or a material has no trials there."""
     people, right, trials = right_answers(tasks)
     if len(people) < LEAST:
         raise NotDefined(f"it needs {LEAST} participants, got {len(people)}")
@@ -199,12 +190,9 @@ def slopes_logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
         terms.append(Term(what, f, df1, df2, float(fdtrc(df1, df2, f))))
         first += df1
     values = zip(found.coefficients.tolist(), errors.tolist(), strict=True)
-    return SlopesLogit(
-        len(people),
-        dict(zip(labels, values, strict=True)),
-        tuple(terms),
-        dict(zip(["participant", *(f"participant by {what}" for what, _ in factors)], found.sds.tolist(), strict=True)),
-    )
+    by = ["participant", *(f"participant by {what}" for what, _ in factors)]
+    sds = dict(zip(by, found.sds.tolist(), strict=True))
+    return SlopesLogit(len(people), dict(zip(labels, values, strict=True)), tuple(terms), sds)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,11 @@ class Confusion:
         places = list(self.presented)
         return [label for label, own in zip(self.participants, self.trials, strict=True) if own[places].all()]
 
+    def rows(self, people: Iterable[str]) -> list[int]:
+        """Return the rows of these participants."""
+        places = {label: row for row, label in enumerate(self.participants)}
+        return [places[label] for label in people]
+
     @cached_property
     def trials(self) -> NDArray[np.int64]:
         """Return the trials by participant and presented material, shape (P, M)."""

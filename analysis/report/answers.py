@@ -135,13 +135,12 @@ def _answers(study: Study, results: Results, stands: Standing) -> Iterator[Asked
 
 @dataclass(frozen=True)
 class Words:
-    """What a planned test over participants says: what it shows, or does not, how, of which tasks, and how it errs."""
+    """What a planned test over participants says: what it shows, or does not, how, and of which tasks."""
 
     shown: str
     other: str
     how: str
     tasks: str = " and "
-    errs: str = ""
 
 
 DIFFERS = "shown to differ", "not shown to differ"
@@ -152,7 +151,6 @@ WORDS = {
     "repeated measures": Words("shown", "not shown", "Repeated measures with Huynh and Feldt's correction"),
     "logit with participants": Words(
         "shown", "not shown", "Wald's F of a logit in which participants differ by material and by task",
-        errs="Its error was simulated with 60 studies of each size alone: 0 to 12 %, at a nominal 5 %.",
     ),
     "equivalence": Words("shown to be the same", "not shown to be the same", "Two one-sided t-tests", " less "),
     "order of tasks": Words(
@@ -177,7 +175,7 @@ def _answer(one: Planned, question: str, mark: str) -> Asked:
     limits = "".join(f", with intervals of {100 * level:g} %" for level in levels)
     said += [f"{words.how}{limits}{family}."] * bool(one.lines)
     said += [f"No test of {name}: {why}." for name, why in one.statements.items()]
-    return Asked(question, " ".join(said), mark, tuple(_weak(one, words)))
+    return Asked(question, " ".join(said), mark, tuple(_weak(one)))
 
 
 def _groups(one: Planned, words: Words, tasks: tuple[str, ...]) -> str:
@@ -203,8 +201,7 @@ def _line(line: Line) -> str:
     return f"{line.subject} {share(line.value, line.interval)} ({limits}{p})".lstrip()
 
 
-def _weak(one: Planned, words: Words) -> Iterator[str]:
-    yield from [words.errs] if words.errs and one.lines else ()
+def _weak(one: Planned) -> Iterator[str]:
     yield from _rough([(line.subject or " and ".join(line.tasks), line.n, line.interval) for line in one.lines])
     if drawn := [line.error for line in one.lines if line.error]:
         yield f"P is from {DRAWS:,} drawn signs or orders, with a standard error of {max(drawn):.1g} at most."

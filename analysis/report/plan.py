@@ -281,6 +281,20 @@ def _one_way(task: str, plan: PlannedTest, results: Results) -> str:
 NEVER = "no two materials that it presents were taken for one another more often than any others"
 """Why a task has no one-way ANOVA."""
 
+NONE_OF_TWO_WAY = "two-way, all types"
+
+
+def undefined(results: Results) -> Iterator[tuple[str, str, str]]:
+    """Yield the kind and the task of each ANOVA that is missing, and why."""
+    for pair in results.pairs:
+        if reason := pair.anova.statement if pair.anova else pair.statement:
+            yield "one-way", pair.task, reason
+    yield from ((each.kind, "all", each.statement) for each in results.two_way if each.statement)
+    if results.two_way_statement:
+        yield NONE_OF_TWO_WAY, "all", results.two_way_statement
+    tested = {pair.task for pair in results.pairs}
+    yield from (("one-way", task.task.id, NEVER) for task in results.tasks if task.task.id not in tested)
+
 
 def _outcome(anova: Anova | None, of: str = "") -> str:
     if anova is None or (effect := anova.effects[0]).f is None or effect.p is None:

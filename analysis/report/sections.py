@@ -281,7 +281,6 @@ EFFECTS = (
     Column("source", left=True), Column("ss", "SS", 4), Column("df"), Column("ms", "MS", 4), Column("f", "F", 2),
     P, Column("partial_eta_squared", "partial η²"), Column(("eta_low", "eta_high"), "90 % CI"),
 )  # fmt: skip
-NONE_OF_TWO_WAY = "two-way, all types"
 TYPE = Column("analysis", "type", show=lambda kind: kind.removeprefix("two-way, type "), left=True)
 
 
@@ -301,7 +300,7 @@ def anova_section(results: Results, remark: tuple[str, ...], stands: plans.Stand
         title = "Two-way: correct ratios by task and material"
         tables.append(tabulate(title, (TYPE, *EFFECTS), two_way, standing=mark))
     lines_of = [line for table in tables for line in table.records]
-    undefined = tuple(_undefined(results))
+    undefined = tuple(plans.undefined(results))
     about = (*remark, *_about_anova(undefined, lines_of))
     lacking = tuple({"analysis": kind, "task": task, "statement": reason} for kind, task, reason in undefined)
     return Section("anova", "Analysis of variance", about, tuple(tables), lacking)
@@ -317,18 +316,6 @@ def _effects(anova: Anova, **of: str) -> Iterator[Record]:
         yield line
 
 
-def _undefined(results: Results) -> Iterator[tuple[str, str, str]]:
-    """Yield the kind and the task of each ANOVA that is missing, and why."""
-    for pair in results.pairs:
-        if reason := pair.anova.statement if pair.anova else pair.statement:
-            yield "one-way", pair.task, reason
-    yield from ((each.kind, "all", each.statement) for each in results.two_way if each.statement)
-    if results.two_way_statement:
-        yield NONE_OF_TWO_WAY, "all", results.two_way_statement
-    tested = {pair.task for pair in results.pairs}
-    yield from (("one-way", task.task.id, plans.NEVER) for task in results.tasks if task.task.id not in tested)
-
-
 def _about_anova(undefined: Sequence[tuple[str, str, str]], lines: list[Record]) -> Iterator[str]:
     """Yield what the analyses assume, and why one of them, or an interval, is missing."""
     yield plans.ABOUT["anova"].substitute()
@@ -336,7 +323,7 @@ def _about_anova(undefined: Sequence[tuple[str, str, str]], lines: list[Record])
         name = f"one-way ANOVA of {task}" if kind == "one-way" else kind.replace(",", " ANOVA of")
         if reason == plans.NEVER:
             yield f"There is no {name}: {reason}."
-        elif kind != NONE_OF_TWO_WAY:
+        elif kind != plans.NONE_OF_TWO_WAY:
             yield f"The {name} is not defined: {reason}."
     for line in lines:
         if line.get("partial_eta_squared") is not None and None in (line["eta_low"], line["eta_high"]):
@@ -345,7 +332,9 @@ def _about_anova(undefined: Sequence[tuple[str, str, str]], lines: list[Record])
                 f"The interval of partial η² is not defined for {of}, {line['source']}: the noncentral F cannot be "
                 "computed so far out."
             )
-    yield from (f"There is no two-way ANOVA: {reason}." for kind, _, reason in undefined if kind == NONE_OF_TWO_WAY)
+    yield from (
+        f"There is no two-way ANOVA: {reason}." for kind, _, reason in undefined if kind == plans.NONE_OF_TWO_WAY
+    )
 
 
 def _ratio(cell: Record) -> str:

@@ -80,20 +80,25 @@ def population_limits(right: Integers, trials: Integers) -> Limits:
     return Limits(low, None if wrong is None else 1 - wrong, over="any population")
 
 
-STEPS = np.exp(np.arange(-30.0, 30.0, 0.1))
-"""Points of Imhof's integral, evenly apart in their logarithms, where the sum converges exponentially."""
+STEPS = np.arange(-30.0, 30.0, 0.1)
+"""Logarithms of the points of Imhof's integral, evenly apart, where the sum converges exponentially."""
+
+RESOLVED = 100
+"""So many participants have an integrand that these points resolve; its waves are closer by the root of more."""
 
 
 def _weighted_mean(shares: Floats) -> float:
     """Return the value below which the weighted mean of shares, and of half a 0, lies with the lower tail."""
     values, often = np.unique(np.append(shares, 0.0), return_counts=True)
     weights = often - 0.5 * (values == 0)
+    finer = math.ceil(math.sqrt(shares.size / RESOLVED))
+    steps = np.exp(np.add.outer(STEPS, np.arange(finer) * (0.1 / finer)).ravel())
 
     def missing(at: float) -> float:
         gaps = values - at
-        turns = np.outer(STEPS / abs(gaps).max(), gaps)
+        turns = np.outer(steps / abs(gaps).max(), gaps)
         waves = np.sin(np.arctan(turns) @ weights) * np.exp(-np.log1p(turns**2) @ weights / 2)
-        return 0.5 - 0.1 * float(waves.sum()) / math.pi - (1 - CONFIDENCE) / 2
+        return 0.5 - 0.1 / finer * float(waves.sum()) / math.pi - (1 - CONFIDENCE) / 2
 
     return float(brentq(missing, 0.0, float(values[-1]), xtol=1e-12))
 

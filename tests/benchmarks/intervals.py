@@ -211,7 +211,7 @@ def printed(line: dict[str, object]) -> str:
 def _worst(of: Sequence[dict[str, object]], studies: int) -> list[dict[str, object]]:
     """Return the lines of so many studies in which what is printed covers least."""
     own = [line for line in of if studies <= int(str(line["studies"])) < AGAIN * studies]
-    return sorted(own, key=lambda line: line["found"][printed(line)][0] / line["studies"])[:WORST]  # type: ignore[index,operator]
+    return sorted(own, key=lambda line: line["found"][printed(line)][0] / line["studies"])[:WORST]  # type: ignore[index]
 
 
 def lines(file: Path) -> list[dict[str, object]]:

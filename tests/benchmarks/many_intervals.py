@@ -160,6 +160,6 @@ def _lies_above(right: Integers, trials: Integers, value: float) -> NDArray[np.b
     often, count, of = _histogram(right, trials)
     weights = np.hstack([often, np.full((len(right), 1), 0.5)])
     gaps = np.append(count / of, 0.0) - value
-    turns = np.outer(STEPS / abs(gaps).max(), gaps)
+    turns = np.outer(np.exp(STEPS) / abs(gaps).max(), gaps)
     waves = np.sin(weights @ np.arctan(turns).T) * np.exp(-(weights @ np.log1p(turns**2).T) / 2)
     return np.asarray((0.5 - 0.1 * waves.sum(axis=1) / math.pi >= (1 - CONFIDENCE) / 2) | ~right.any(axis=1))

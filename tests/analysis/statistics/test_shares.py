@@ -152,6 +152,9 @@ def test_an_interval_for_any_population_has_the_quantiles_of_beta_where_shares_a
     """Of k right and the others wrong, the weight of the right is beta with k and the rest, half a participant more."""
     found = population_limits(np.array([10, 10, 10, 0, 0]), np.full(5, 10))
     assert (found.low, found.high) == pytest.approx((stats.beta.ppf(0.025, 3, 2.5), stats.beta.ppf(0.975, 3.5, 2)))
+    found = population_limits(np.repeat([10, 0], [3000, 1000]), np.full(4000, 10))
+    many = stats.beta.ppf(0.025, 3000, 1000.5), stats.beta.ppf(0.975, 3000.5, 1000)
+    assert (found.low, found.high) == pytest.approx(many, abs=1e-9)
     found = population_limits(np.array([5] * 4), np.array([5] * 4))
     assert found.high is None
     assert found.low == pytest.approx(stats.beta.ppf(0.025, 4, 0.5), abs=1e-9)
