@@ -79,7 +79,8 @@ def identify(study: Study | PathLike) -> Results:
     Returns
     -------
     Results
-        `to_frame()` has one row for each task, presented and answered material: the mean ratio among participants,
+        `to_frame()` has one row for each task, presented and answered material, "(none)" where nothing was answered, as
+        categories in the order of the tables: the mean ratio among participants,
         their standard deviation (n - 1), and of right answers the t-test against chance, P unadjusted and by Holm's
         method.
 

@@ -18,9 +18,10 @@ import grimp
 from tests.measures import imports, kinds, parameters, patterns
 from tests.measures.source import FOLDERS, PACKAGE, REPOSITORY, Source, entries, read_sources, tracked_files
 
-TRUNKS: Mapping[str, int] = {"session": 19_500, "analysis": 14_500}
+TRUNKS: Mapping[str, int] = {"session": 21_500, "analysis": 15_500}
 """The most lines of each trunk. With those of a wing they take the place of limits on all lines, modules and imports of
-the source: what a session or an analysis cannot do without is to stay small, and what can be taken away may come."""
+the source: what a session or an analysis cannot do without is to stay small, and what can be taken away may come. They
+had 19,344 and 13,828 lines when this second and last step was taken."""
 
 WING = 4_500
 """The most lines of a wing."""

@@ -104,7 +104,8 @@ class Audit:
 
     def __repr__(self) -> str:
         counts = Counter(line.verdict for line in self.comparison.lines)
-        return f"<Audit {self.study}: {', '.join(f'{count} {verdict}' for verdict, count in counts.most_common())}>"
+        of = f"{self.study}, {self.label}" if self.label else self.study
+        return f"<Audit {of}: {', '.join(f'{count} {verdict}' for verdict, count in counts.most_common())}>"
 
     def to_frame(self) -> pd.DataFrame:
         """Return a row for each printed number: its place, the recomputed one with its bounds, and the verdict."""

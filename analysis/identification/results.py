@@ -34,6 +34,7 @@ from palpate.analysis.statistics.exact import defined
 from palpate.analysis.statistics.icc import Icc, icc
 from palpate.analysis.statistics.shares import Limits, first_limits
 from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
+from palpate.experiment.records.events import NO_ANSWER
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -160,11 +161,10 @@ class Results:
         return f"<Results: {'; '.join(map(_right, self.tasks))}>"
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row for each task, presented and answered material ("" for none).
+        """Return a row for each task, presented and answered material, categories in the order of the tables.
 
         `mean` and `sd` (n - 1) are those of the `participants`' ratios; of right answers `t` (df = participants - 1), P
-        of the two-tailed test against `chance`, and Holm's within the task. What is not defined is NaN.
-        """
+        of the two-tailed test against `chance`, and Holm's within the task; NaN where not defined."""
         import pandas as pd
 
         rows: list[dict[str, object]] = [
@@ -173,9 +173,11 @@ class Results:
              "chance": task.chance, **(_t(test) if i == j else {})}
             for task in self.tasks
             for i, test in zip(task.confusion.presented, task.tests, strict=True)
-            for j, answered in enumerate((*task.confusion.materials, ""))
+            for j, answered in enumerate((*task.confusion.materials, NO_ANSWER))
         ]  # fmt: skip
-        return pd.DataFrame(rows).astype(dict.fromkeys(("mean", "sd", "chance", "t", "p", "p_holm"), "float64"))
+        named = pd.CategoricalDtype(list(dict.fromkeys(row["answered"] for row in rows)))
+        types = dict.fromkeys(("mean", "sd", "chance", "t", "p", "p_holm"), "float64")
+        return pd.DataFrame(rows).astype({**types, "presented": named, "answered": named})
 
     def task(self, task: str) -> TaskResult | None:
         """Return the result of one task, or None if the dataset has no such task."""
