@@ -27,7 +27,7 @@ def marked(mark: str) -> list[str]:
 def parts() -> tuple[list[str], list[str], list[str]]:
     """Return the arguments of what computes, of what waits, and of what runs alone."""
     waiting, alone = marked("clocked"), marked("alone")
-    computing = ["-n", "3", *SIDE_BY_SIDE, *(f"--ignore={path}" for path in waiting + alone)]
+    computing = ["-n", "4", *SIDE_BY_SIDE, *(f"--ignore={path}" for path in waiting + alone)]
     return computing, ["-n", "4", *SIDE_BY_SIDE, *waiting], alone
 
 

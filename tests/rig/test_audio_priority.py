@@ -12,7 +12,7 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.audio.mixer import Block, Mixer
 from tests.rig import sound
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")

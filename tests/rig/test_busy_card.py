@@ -24,7 +24,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from tests.rig.laboratory import write_rig
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 ALSA = """\
 </usr/share/alsa/alsa.conf>

@@ -18,7 +18,7 @@ from palpate.experiment.errors import RecordingError
 from palpate.experiment.rehearsal.wires.sensor import Sensor
 from tests.approved import Refuses
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 RIG = AccelerometerRig(driver="pcm-tcp", address="rehearsal", rate_hz=1000, full_scale_m_s2=64.0, trigger_m_s2=0.5)
 BEFORE = round(ports.BEFORE_S * RIG.rate_hz)

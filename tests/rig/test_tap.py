@@ -24,7 +24,7 @@ from palpate.experiment.rehearsal.wires.listener import Tap
 from palpate.experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig import sound
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 SERVES = """
 from palpate.experiment.rehearsal.wires.sound_card import SoundCard

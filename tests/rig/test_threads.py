@@ -19,7 +19,7 @@ from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import sound
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="palpate keeps to a core on Linux alone")
