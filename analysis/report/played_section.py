@@ -7,7 +7,7 @@ import pandas as pd
 from palpate.analysis.documents.tables import Column, Record, Section, number, plural, tabulate
 from palpate.analysis.reading.dataset import MISSING
 from palpate.analysis.reading.study import Study
-from palpate.experiment.synthesis.noticing import SOLE, noticed_at_most
+from palpate.experiment.synthesis.noticing import SOLE, noticed_where_alike
 
 UNHEARD = (
     "Nothing measured what reached the panel, for the rig has no loopback: a stimulus could count as undelivered only "
@@ -85,7 +85,7 @@ def _methods(known: pd.DataFrame) -> str:
     counts = Counter(known.loc[known["stimulus_method"] != MISSING, "stimulus_method"])
     told = "; ".join(f"{method}: {plural(times, 'time')}" for method, times in sorted(counts.items()))
     off = float(known["stimulus_error"].max())
-    often = f"{noticed_at_most(off, SOLE) * 100:.0f} %"
+    often = f"{noticed_where_alike(off, SOLE) * 100:.0f} %"
     return (
         f"How the samples were made: {told}. By a model (`palpate plan` has its sources), a person notices the largest "
         f"error, {_percent(off)} %, in up to {often} of comparisons, if it is alike in all third octaves. "

@@ -190,12 +190,13 @@ def open_actuator(
     address: str | None = None,
     stream: AudioStream | None = None,
     clock: Clock | None = None,
+    louder_db: float | None = None,
 ) -> Actuator:
     """Open the rig's actuator, at its own address or another, or on a channel of the session's stream.
 
     `limit_m_s2` is the protocol's, for any sample. `drive`, of `conditioning.open_drive`, is for `actuator.shaping`
-    alone; `RigError` otherwise. `clock` paces a server. Raises `ActuatorError` for a bad address, limit, server or
-    stream.
+    alone; `RigError` otherwise. `clock` paces a server, and `louder_db` is as in `open_conditioner`. Raises
+    `ActuatorError` for a bad address, limit, server or stream.
     """
     settings = rig.actuator
     where = address or settings.address
@@ -211,7 +212,7 @@ def open_actuator(
         )
     from palpate.experiment.apparatus.panel.conditioning import open_conditioner
 
-    condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive)
+    condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive, louder_db=louder_db)
     if where is not None:
         from palpate.experiment.apparatus.panel.pcm import PcmActuator
 

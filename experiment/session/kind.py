@@ -36,7 +36,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sitting:
-    """One participant at one task on a rig; files of the rig are beside its file. `recordings` is None without any."""
+    """One participant at one task on a rig; files of the rig are beside its file. `recordings` is None without any.
+
+    `louder_db` is what a comparison of the panel found; None without any.
+    """
 
     protocol: StudyProtocol
     rig: Rig
@@ -46,6 +49,7 @@ class Sitting:
     dataset: Path
     recordings: Path | None
     clock: Clock
+    louder_db: float | None = None
 
 
 @dataclass(frozen=True)

@@ -100,8 +100,10 @@ def noticed(asked_db: NDArray[np.float64], given_db: NDArray[np.float64], site: 
     return Noticed(erf(least / 2), erf(most / 2))
 
 
-def noticed_at_most(share: float, site: Site) -> float:
-    """Return `Noticed.most` of a strong vibration, of which each third octave is off by this share of its rms.
+def noticed_where_alike(share: float, site: Site) -> float:
+    """Return `Noticed.most` of a strong vibration of which each third octave is off alike, by this share of its rms.
+
+    Where third octaves differ, the same share of the whole may be noticed more often: this is no bound.
 
     Raises `SynthesisError` for a share that is not finite.
     """

@@ -106,6 +106,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         ),
     ),
     "panel": (
+        "experiment/apparatus/doctor/sensor.py",
         "experiment/apparatus/panel/calibration.py",
         "experiment/apparatus/panel/drift.py",
         "experiment/apparatus/panel/inverse.py",

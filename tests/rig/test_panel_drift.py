@@ -69,7 +69,7 @@ class Desk(ScriptedConsole):
 
 def compared(monkeypatch: pytest.MonkeyPatch, rig_file: Path, db: float) -> Finding:
     lay_out(monkeypatch, modes=drifted(ONE_MODE, db))
-    return drift.compare_panel(rig_file, rigs.load(rig_file))
+    return drift.compare_panel(rig_file, rigs.load(rig_file))[0]
 
 
 @pytest.mark.parametrize(("db", "verdict"), [(0.0, "passes"), (0.5, "passes"), (1.5, "warns"), (-1.5, "warns")])
@@ -104,11 +104,12 @@ def test_a_coil_that_softened_the_measurement_is_no_drift(monkeypatch: pytest.Mo
     loud = rigs.load(file)
     assert loud.actuator.measured is not None
     measured = loud.actuator.measured.model_copy(update={"check_peak": 0.2})
-    found = drift.compare_panel(
+    found, louder_db = drift.compare_panel(
         file, loud.model_copy(update={"actuator": loud.actuator.model_copy(update={"measured": measured})})
     )
     assert measured.compression_db > 0.1
     assert found.verdict == "passes"
+    assert 0 <= louder_db < 0.5
 
 
 def test_a_panel_that_cannot_be_heard_clearly_is_measured_once_longer_and_then_refused(
@@ -132,7 +133,8 @@ def test_a_sensor_that_hears_nothing_passes_no_panel(
 
 def test_the_panel_moves_once_nobody_is_on_it(monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig) -> None:
     allowed, nobody = lay_out(monkeypatch), Desk(yes=True)
-    noted = compare_panel(rig_file, rig, nobody)
+    noted, louder_db = compare_panel(rig_file, rig, nobody)
+    assert louder_db is not None
     assert (nobody.asked, len(allowed), len(nobody.shown)) == (1, 1, 1)
     assert "dB" in noted
     with pytest.raises(Interrupted):
@@ -147,7 +149,8 @@ def test_without_an_accelerometer_that_stays_the_comparison_is_left_out_and_warn
     allowed, desk = lay_out(monkeypatch), Desk(yes=True)
     assert rig.accelerometer is not None
     sensor = None if stays else rig.accelerometer.model_copy(update={"stays": False})
-    noted = compare_panel(rig_file, rig.model_copy(update={"accelerometer": sensor}), desk)
+    noted, louder_db = compare_panel(rig_file, rig.model_copy(update={"accelerometer": sensor}), desk)
+    assert louder_db is None
     assert (desk.asked, allowed) == (0, [])
     assert desk.shown == [f"WARNING: {noted}"]
 

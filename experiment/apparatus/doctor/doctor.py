@@ -40,6 +40,7 @@ class SimulatedPorts:
     device: str | None = None
     force: str | None = None
     pedal: str | None = None
+    accelerometer: str | None = None
     wire: Callable[[], None] = lambda: None
 
 
@@ -122,7 +123,11 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
         yield from _elsewhere(rig, protocol)
         if rig.tracker is not None and rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
-        if rig.accelerometer is not None:
+        if rig.accelerometer is not None and (ends.accelerometer or rig.accelerometer.address != rigs.REHEARSAL):
+            from palpate.experiment.apparatus.doctor import sensor
+
+            yield from sensor.checks(rig, rig.accelerometer, ends.accelerometer, clock=clock)
+        elif rig.accelerometer is not None:
             yield unchecked("accelerometer", "palpate record, palpate calibrate actuator and sessions listen to it")
 
 

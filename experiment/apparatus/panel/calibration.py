@@ -174,11 +174,7 @@ def _estimated(on: Devices, loudest: float, seconds: int, rng: np.random.Generat
     found = multisine.estimate(levels, lines_hz, within)
     coherence = float(np.median(found.coherence[within]))
     if coherence < UNHEARD:
-        raise refusal(
-            f"the sensor hears nothing of what is played (coherence {coherence:.2f})",
-            "see that actuator and accelerometer in the rig file are those of one panel, and switched on",
-            allowed=f"{UNHEARD:g} or more",
-        )
+        raise unheard(coherence)
     if abs(found.drift_ppm) > DRIFT_PPM:
         raise refusal(
             f"the sensor's clock differs from the actuator's by {found.drift_ppm:.0f} ppm",
@@ -186,6 +182,15 @@ def _estimated(on: Devices, loudest: float, seconds: int, rng: np.random.Generat
             allowed=f"{DRIFT_PPM:g} ppm",
         )
     return found
+
+
+def unheard(coherence: float) -> RecordingError:
+    """Return why a sensor is not that of the panel that played."""
+    return refusal(
+        f"the sensor hears nothing of what is played (coherence {coherence:.2f})",
+        "see that actuator and accelerometer in the rig file are those of one panel, and switched on",
+        allowed=f"{UNHEARD:g} or more",
+    )
 
 
 def refusal(what: str, remedy: str, allowed: str = "") -> RecordingError:

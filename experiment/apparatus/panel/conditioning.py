@@ -226,12 +226,19 @@ def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
     return bounded, int(np.count_nonzero(bounded != wanted))
 
 
-def open_conditioner(rig: Rig, *, limit_m_s2: float, drive: Drive | None) -> Conditioner:
-    """Return what conditions stimuli for a rig's actuator, with its `open_drive`. Raises `RigError` for the panel."""
+def open_conditioner(
+    rig: Rig, *, limit_m_s2: float, drive: Drive | None, louder_db: float | None = None
+) -> Conditioner:
+    """Return what conditions stimuli for a rig's actuator, with its `open_drive`. Raises `RigError` for the panel.
+
+    `louder_db` is by how much the panel became louder since it was measured, at most; None where nothing compared it.
+    """
     actuator, movement, inverse = rig.actuator, None, None
     if actuator.measured is not None:
         module = import_module(MOVEMENT)
         movement = module.open_movement(rig.folder or Path(), actuator.measured, rate_hz=actuator.rate_hz)
+        if louder_db is not None:
+            movement = replace(movement, louder_db=louder_db)
         if actuator.inverse_ahead_ms is not None:
             inverse = import_module(INVERSE).Inverse(movement, ahead_s=actuator.inverse_ahead_ms / 1e3)
     return Conditioner(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.panel import calibration, multisine
 from palpate.experiment.apparatus.panel.calibration import HIGH_HZ, LOW_HZ, UNCERTAIN_DB, Devices
-from palpate.experiment.apparatus.panel.movement import Reference, expected_gain, open_movement
+from palpate.experiment.apparatus.panel.movement import DRIFT_DB, ERRORS, Reference, expected_gain, open_movement
 from palpate.experiment.apparatus.panel.validity import CALIBRATE
 from palpate.experiment.apparatus.rig import MeasuredRig, Rig
 from palpate.experiment.errors import Finding, Remedy, RigError
@@ -21,7 +21,7 @@ from palpate.experiment.errors import Finding, Remedy, RigError
 SECONDS, LONGER = 2, 8
 """Seconds of the multisine that count, at first and the second time."""
 
-WARNED_DB, REFUSED_DB = 1.0, 3.0
+WARNED_DB, REFUSED_DB = DRIFT_DB, 3.0
 """From so much more or less in any third octave the experimenter is warned, and nobody is run."""
 
 THIRD = 10**0.1
@@ -67,11 +67,17 @@ def compare(
 ) -> tuple[Drift, ...]:
     """Return the drift of each third octave, measured a second time for longer if any is too uncertain.
 
-    Raises `RecordingError` if it is uncertain then too, and for a sensor that is dead or clips.
+    Raises `RecordingError` if it is uncertain then too, and for a sensor that is dead, clips or hears something else.
     """
-    amplitudes = peak * multisine.drawn(reference.lines_hz, rate_hz=on.played_hz, rng=rng)
+    lines_hz = reference.lines_hz
+    amplitudes = peak * multisine.drawn(lines_hz, rate_hz=on.played_hz, rng=rng)
+    felt = (lines_hz >= LOW_HZ) & (lines_hz <= HIGH_HZ)
     for seconds in (SECONDS, LONGER):
-        heard = calibration.heard(on, amplitudes, reference.lines_hz, seconds)
+        heard = calibration.heard(on, amplitudes, lines_hz, seconds)
+        mean = multisine.without_drift(heard, lines_hz).mean(axis=0)
+        alike = multisine.agreement(mean[felt], (amplitudes * reference.response_m_s2)[felt], lines_hz[felt])
+        if alike < calibration.UNHEARD:
+            raise calibration.unheard(alike)
         found = tuple(drifts(amplitudes, heard, reference, gain=expected_gain(measured, peak)))
         worst = max(found, key=lambda one: one.standard_error_db)
         if worst.standard_error_db <= UNCERTAIN_DB:
@@ -81,6 +87,11 @@ def compare(
         "find what else shakes the panel",
         allowed=f"{UNCERTAIN_DB:g} dB, after {LONGER} s",
     )
+
+
+def louder_db(found: Sequence[Drift]) -> float:
+    """Return by how much more a panel moves in any third octave than it was measured to, at most, dB; not below 0."""
+    return max(0.0, *(one.db + ERRORS * one.standard_error_db for one in found))
 
 
 def judged(found: Sequence[Drift], rig_file: Path) -> Finding:
@@ -102,8 +113,9 @@ def is_heard(rig: Rig) -> bool:
     return rig.actuator.measured is not None and sensor is not None and sensor.stays is not False
 
 
-def compare_panel(rig_file: Path, rig: Rig) -> Finding:
-    """Compare the panel of a rig that `is_heard` with its measurement, and return a finding that passes or warns.
+def compare_panel(rig_file: Path, rig: Rig) -> tuple[Finding, float]:
+    """Compare the panel of a rig that `is_heard` with its measurement; return a finding that passes or warns, and
+    `louder_db`.
 
     Raises `RigError` from `REFUSED_DB` on, and `PalpateError` for the devices.
     """
@@ -114,7 +126,8 @@ def compare_panel(rig_file: Path, rig: Rig) -> Finding:
         measured.check_peak,
     )
     with calibration.devices(rig, loudest=peak) as devices:
-        found = judged(compare(devices, measured, reference, peak=peak, rng=np.random.default_rng()), rig_file)
+        drifted = compare(devices, measured, reference, peak=peak, rng=np.random.default_rng())
+    found = judged(drifted, rig_file)
     if found.verdict == "refuses":
         raise RigError.at(found)
-    return found
+    return found, louder_db(drifted)

@@ -32,6 +32,9 @@ ERRORS = 2.0
 """So many standard errors of all lines at once, in whatever phase, are in the uncertainty of a peak: a stimulus that
 happens to meet what a measurement is off by does not exceed it."""
 
+DRIFT_DB = 1.0
+"""By so much louder a panel may have become since it was measured, where no session has compared it: less is no
+warning there (`drift.py`)."""
 
 FEWEST, LEAST = 10, 1e-12
 """Lines of a response, at the least, and m/s^2 that count as none."""
@@ -76,11 +79,12 @@ class _Grid(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Movement:
-    """What a measured panel makes of samples at a rate, 1.0 being full scale."""
+    """What a measured panel makes of samples at a rate, 1.0 being full scale, if it drifted by `louder_db` at most."""
 
     reference: Reference
     measured: MeasuredRig
     rate_hz: int
+    louder_db: float = DRIFT_DB
     _grids: dict[int, _Grid] = field(default_factory=dict)
 
     def grid(self, count: int) -> _Grid:
@@ -128,8 +132,9 @@ class Movement:
         highest /= cos(pi * float(self.reference.lines_hz[-1]) / (on.finer * self.rate_hz))
         parts = np.add.reduceat(np.abs(bins), on.cells)[:-1] * self.reference.standard_error_m_s2
         uncertain = ERRORS * 2 / on.size * float(parts.sum())
-        gain = expected_gain(self.measured, loudest)
-        return Peak(highest * gain, uncertain + highest * abs(1 - gain))
+        gain, louder = expected_gain(self.measured, loudest), 10 ** (self.louder_db / 20)
+        at_most = louder * (highest * (gain + abs(1 - gain)) + uncertain)
+        return Peak(highest * gain, at_most - highest * gain)
 
 
 def open_movement(folder: Path, measured: MeasuredRig, *, rate_hz: int) -> Movement:

@@ -158,6 +158,16 @@ def without_drift(heard: NDArray[np.complex128], lines_hz: NDArray[np.int64]) ->
     return _without_drift(heard, lines_hz, _drift_s(heard, lines_hz))
 
 
+def agreement(heard: NDArray[np.complex128], expected: NDArray[np.complex128], lines_hz: NDArray[np.int64]) -> float:
+    """Return how well phases of what was heard are those of lines that were expected, shape (K,), after one delay.
+
+    1 is all of them, and strange phases have less than 0.3 of two hundred lines.
+    """
+    crossed = heard * expected.conj()
+    turned = crossed / np.maximum(np.abs(crossed), np.finfo(float).tiny)
+    return float(np.abs(np.mean(turned * _later(lines_hz, _delay_s(turned, lines_hz)))))
+
+
 def _without_drift(
     heard: NDArray[np.complex128], lines_hz: NDArray[np.int64], drift_s: float
 ) -> NDArray[np.complex128]:

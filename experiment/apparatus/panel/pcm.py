@@ -143,10 +143,13 @@ class PcmActuator:
             connection.shutdown(socket.SHUT_WR)
             connection.settimeout(CONNECT_S)
             try:
-                connection.recv(1)
+                sent = connection.recv(1)
             except OSError as error:
                 problem = f"the server did not close within {CONNECT_S:g} s"
                 raise ActuatorError(self._name, problem, RESTART) from error
+        if sent:
+            remedy = "correct actuator.address in the rig file"
+            raise ActuatorError(self._name, "the server sends data, as a sensor's does", remedy)
 
     def _play(self, data: bytes) -> None:
         connection = connect("actuator", self._address, ActuatorError, AHEAD_S)

@@ -235,7 +235,7 @@ def _of_noticing() -> list[tuple[str, Call, dict[str, float]]]:
     return [
         ("noticed: asked_db", lambda x: noticing.noticed(changed(levels, x), levels, noticing.SOLE), silent),
         ("noticed: given_db", lambda x: noticing.noticed(levels, changed(levels, x), noticing.SOLE), silent),
-        ("noticed_at_most: share", lambda x: noticing.noticed_at_most(x, noticing.SOLE), EITHER),
+        ("noticed_where_alike: share", lambda x: noticing.noticed_where_alike(x, noticing.SOLE), EITHER),
     ]
 
 

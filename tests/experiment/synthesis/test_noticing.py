@@ -13,7 +13,7 @@ from palpate.experiment.synthesis.noticing import (
     THIRDS_HZ,
     Site,
     noticed,
-    noticed_at_most,
+    noticed_where_alike,
     unnoticed_share,
 )
 
@@ -65,8 +65,8 @@ def test_thresholds_are_those_printed() -> None:
 def test_a_share_is_noticed_as_such_levels_are_and_below_some_share_rarely(site: Site) -> None:
     share = 0.01
     off_db = STRONG_DB + 20 * np.log10(1 + share)
-    assert noticed_at_most(share, site) == pytest.approx(noticed(STRONG_DB, off_db, site).most, rel=1e-4)
-    assert noticed_at_most(unnoticed_share(site), site) == pytest.approx(RARELY, rel=1e-9)
+    assert noticed_where_alike(share, site) == pytest.approx(noticed(STRONG_DB, off_db, site).most, rel=1e-4)
+    assert noticed_where_alike(unnoticed_share(site), site) == pytest.approx(RARELY, rel=1e-9)
 
 
 @pytest.mark.parametrize("level_db", [-40.0, -20.0, 0.0])

@@ -101,6 +101,7 @@ def open_footsteps(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, 
             address=address,
             stream=stream,
             clock=clock,
+            louder_db=sitting.louder_db,
         )
         opened.callback(actuator.close)
     port, clock_map = ends.tracker(opened)

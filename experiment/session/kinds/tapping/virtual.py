@@ -77,6 +77,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
         address=address,
         stream=stream,
         clock=clock,
+        louder_db=sitting.louder_db,
     )
     opened.callback(actuator.close)
     rings = {

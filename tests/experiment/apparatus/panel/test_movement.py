@@ -12,7 +12,7 @@ import pytest
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
-from palpate.experiment.apparatus.panel.movement import COLUMNS, Movement, Reference, read_reference
+from palpate.experiment.apparatus.panel.movement import COLUMNS, DRIFT_DB, Movement, Reference, read_reference
 from palpate.experiment.apparatus.rig import MeasuredRig, Rig
 from palpate.experiment.errors import RigError
 from palpate.experiment.protocol.files import shipped
@@ -69,15 +69,21 @@ def test_each_line_is_off_by_two_standard_errors_at_once() -> None:
     samples = 0.1 * np.sin(2 * np.pi * 100 * t) * np.hanning(2500)
     peak = flat(20.0, 0.5).peak(samples)
     # All of a tone is at one line, and a window's side lobes add some.
-    assert 2 * 0.5 * 0.1 <= peak.uncertainty_m_s2 < 1.5 * 2 * 0.5 * 0.1
-    assert flat(20.0).peak(samples).uncertainty_m_s2 == 0.0
+    assert 2 * 0.5 * 0.1 <= peak.highest_m_s2 / 10**0.05 - peak.peak_m_s2 < 1.5 * 2 * 0.5 * 0.1
+    assert flat(20.0).peak(samples).uncertainty_m_s2 == pytest.approx((10**0.05 - 1) * peak.peak_m_s2)
 
 
 def test_what_a_soft_coil_loses_is_uncertain() -> None:
     samples = 0.2 * np.hanning(2500)
     firm, soft = flat(20.0).peak(samples), flat(20.0, compression_db=1.0).peak(samples)
     assert soft.peak_m_s2 == pytest.approx(firm.peak_m_s2 * 10**-0.05, rel=1e-3)
-    assert soft.highest_m_s2 == pytest.approx(firm.peak_m_s2)
+    assert soft.highest_m_s2 == pytest.approx(firm.highest_m_s2)
+
+
+@pytest.mark.parametrize("drift_db", [-DRIFT_DB, DRIFT_DB])
+def test_a_panel_keeps_the_limit_as_it_was_compared(drift_db: float) -> None:
+    found = limit.row(limit.drawn(101), 16, seed=1, drift_db=drift_db)
+    assert (found.over, found.attenuated) == (0, 0)
 
 
 @pytest.fixture
@@ -115,6 +121,9 @@ def test_a_measured_panel_is_limited_by_what_it_does_and_what_is_lost_goes_on_re
     free = open_conditioner(rig, limit_m_s2=100.0, drive=drive)(played.stimulus)
     assert np.abs(played.samples).max() / np.abs(free.samples).max() == pytest.approx(record.moved.scale, rel=1e-6)
     assert free.on_record().moved is not None
+    # Nothing compared the panel, so that it may be 1 dB louder.
+    compared = open_conditioner(rig, limit_m_s2=1.0, drive=drive, louder_db=0.0)(played.stimulus)
+    assert compared.panel_scale / played.panel_scale == pytest.approx(10**0.05)
     assert free.panel_scale == 1.0
     # What the limit takes is counted as that, and nothing as rounding.
     budget = played.budget()[0]

@@ -1,0 +1,68 @@
+"""Checks of the accelerometer, with nobody on the panel: that a sensor answers at its address, lives, and is at rest.
+
+Whether it lies on the panel that the actuator moves is heard only where that moves: `palpate calibrate actuator` and
+the comparison before a session (`panel/drift.py`) refuse a sensor that does not hear it.
+"""
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import numpy as np
+
+from palpate.experiment.apparatus.doctor.checks import judged, passed, refused
+from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer, Window
+from palpate.experiment.apparatus.rig import AccelerometerRig, Rig
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import Finding, RecordingError
+
+LISTEN_S = 1.0
+"""How long the sensor is listened to, s."""
+
+RATE_PART = 0.2
+"""Part of the rig file's rate by which samples may come more or less often: pieces of a tenth of a second count."""
+
+QUIETEST = 1e-9
+"""A part of full scale: less than a last bit of 24 is no sensor's noise."""
+
+
+def checks(rig: Rig, settings: AccelerometerRig, address: str | None, *, clock: Clock) -> Iterator[Finding]:
+    """Yield everything that an accelerometer shows, at an `address` or the rig's; the clock goes by itself."""
+    name, where = "accelerometer", address or settings.address
+    others = {"actuator": rig.actuator.address, "servo": rig.servo.address if rig.servo is not None else None}
+    if shared := [device for device, its in others.items() if its == where]:
+        told, correct = f"its address, {where}, is {shared[0]}.address", "correct either in the rig file"
+        yield judged(name, False, told, allowed="one of its own", remedy=correct)
+        return
+    sensor = PcmAccelerometer(settings.model_copy(update={"address": where}), clock=clock)
+    try:
+        with closing(sensor):
+            sensor.arm(round(LISTEN_S * settings.rate_hz))
+            begun_ns = clock.now_ns()
+            window = sensor.heard_since_armed()
+            took_s = (clock.now_ns() - begun_ns) / 1e9
+    except RecordingError as error:
+        yield refused(name, error)
+        return
+    yield passed(name, f"{where} sends samples")
+    yield from heard(window, settings, took_s=took_s)
+
+
+def heard(window: Window, settings: AccelerometerRig, *, took_s: float) -> Iterator[Finding]:
+    """Yield what the samples of `LISTEN_S`, which took so long to come, tell of their sensor."""
+    samples, anew = window.samples_m_s2, "or correct accelerometer.address: it may be another device's"
+    rate_hz, quiet_m_s2 = samples.size / took_s, float(np.std(samples))
+    yield judged(
+        "accelerometer rate",
+        abs(rate_hz - settings.rate_hz) <= RATE_PART * settings.rate_hz,
+        f"{rate_hz:.0f} samples a second",
+        allowed=f"{settings.rate_hz}, within {RATE_PART:.0%}",
+        remedy=f"set the device, or accelerometer.rate_hz in the rig file, to the other's rate, {anew}",
+    )
+    peak_m_s2 = float(np.abs(samples).max())
+    yield judged(
+        "accelerometer at rest",
+        quiet_m_s2 > QUIETEST * settings.full_scale_m_s2 and peak_m_s2 < settings.trigger_m_s2,
+        f"{quiet_m_s2:.2g} m/s^2 (standard deviation), {peak_m_s2:.2g} m/s^2 at most",
+        allowed=f"some noise, and less than accelerometer.trigger_m_s2, {settings.trigger_m_s2:g} m/s^2",
+        remedy=f"plug the sensor in again, take another cable, keep the panel still, {anew}",
+    )
