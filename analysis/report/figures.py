@@ -32,15 +32,12 @@ ACROSS = 5
 PANEL_LETTERS = 10
 """Letters above a participant's panel; the share stands below a label that leaves no room for it."""
 
-DOTS = 50
-"""More participants than this are not drawn as dots, because these would cover the bar."""
-
 DARK = 0.6
 """The text of a cell above this ratio is white."""
 
 
 def correct_ratios(axes: Axes, tasks: Sequence[TaskResult]) -> None:
-    """Draw the correct answer ratios of each material and task: mean, SD, stars and every participant."""
+    """Draw the correct answer ratios of each material and task: their distribution, mean, SD and stars."""
     materials = tasks[0].confusion.materials
     width = 0.8 / len(tasks)
     for index, task in enumerate(tasks):
@@ -132,14 +129,13 @@ def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) 
         if result.mean is None:
             continue
         x = place + shift
-        label = None if named else f"{task.task.id} (n = {len(matrix.participants)})"
+        label = "" if named else f"{task.task.id} (n = {len(matrix.participants)})"
         hatch = drawing.HATCHES[index % len(drawing.HATCHES)]
-        axes.bar(x, result.mean, width * 0.92, facecolor=drawing.pale(hue), edgecolor=hue, hatch=hatch, label=label)
+        axes.bar(x, result.mean, width * 0.92, facecolor="none", edgecolor=drawing.pale(hue), hatch=hatch)
+        values, often = np.unique([float(one) for one in matrix.ratios(place, place).values()], return_counts=True)
+        reach = 0.42 * width * often / often.max()
+        axes.hlines(values, x - reach, x + reach, color=hue, linewidth=2.5, label=label, clip_on=False, zorder=3)
         named = True
-        values = [float(value) for value in matrix.ratios(place, place).values()]
-        if len(values) <= DOTS:
-            spread = np.linspace(-0.28, 0.28, len(values)) * width if len(values) > 1 else np.zeros(1)
-            axes.plot(x + spread, values, ".", color="black", markersize=2.5, alpha=0.6, clip_on=False)
         if result.sd is not None:
             axes.errorbar(x, result.mean, yerr=result.sd, color="black", capsize=2.5, linewidth=1.0)
         top = max(1.0, *values, min(result.mean + (result.sd or 0.0), 1.1))
@@ -307,11 +303,10 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
     correct_ratios(axes, tasks)
     adjusted = [task.task.id for task in tasks if task.correction]
     by = f"adjusted by Holm in {' and '.join(adjusted)}" if adjusted else "not adjusted"
-    dots = ", dots participants" if min(len(task.confusion.participants) for task in tasks) <= DOTS else ""
     said = (
-        f"Correct answer ratios of each material in {_people(tasks)}. Bars are means, whiskers standard deviations "
-        f"among participants{dots}, and the dashed line is chance. *, ** and *** mark means above chance with P < "
-        f"0.05, 0.01 and 0.001 (t, {by}).{bracketed(tasks)}"
+        f"Correct answer ratios of each material in {_people(tasks)}. A line is the wider the more participants had "
+        "that ratio; pale bars are means, whiskers standard deviations among participants, and the dashed line is "
+        f"chance. *, ** and *** mark means above chance with P < 0.05, 0.01 and 0.001 (t, {by}).{bracketed(tasks)}"
     )
     yield drawing.Sheet("correct-ratios", "answers", said, figure)
 
