@@ -351,7 +351,8 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
     found = []
     for task in tasks:
         matrix, people = task.confusion, task.confusion.complete
-        dropped = tuple(label for label in matrix.participants if label not in set(people))
+        complete = set(people)
+        dropped = tuple(label for label in matrix.participants if label not in complete)
         who = plural(len(people), "participant")
         each = [matrix.ratios(i, j) for i in matrix.presented for j in range(len(study.materials))]
         correct = _correct(matrix, people)
