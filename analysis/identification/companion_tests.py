@@ -86,8 +86,7 @@ def run_companions(study: Study, tasks: Mapping[str, Confusion], rng: np.random.
     materials: dict[str, tuple[Repeated, ...]] = {}
     for task, matrix in tasks.items():
         ratios = _ratios(matrix, matrix.complete, matrix.presented)
-        found = said.compute(f"repeated-measures ANOVA of {task}", partial(repeated, ratios, ["material"]))
-        if found is not None:
+        if found := said.compute(f"repeated-measures ANOVA of {task}", partial(repeated, ratios, ["material"])):
             materials[task] = found
     linked = study.origin != "RECONSTRUCTION"
     both: tuple[Repeated, ...] | None = ()

@@ -167,17 +167,17 @@ class Results:
         of the two-tailed test against `chance`, and Holm's within the task; NaN where not defined."""
         import pandas as pd
 
-        rows: list[dict[str, object]] = [
+        frame = pd.DataFrame([
             {"task": task.task.id, "presented": test.material, "answered": answered,
              "participants": task.confusion.n(i), "mean": task.confusion.mean(i, j), "sd": task.confusion.sd(i, j),
              "chance": task.chance, **(_t(test) if i == j else {})}
             for task in self.tasks
             for i, test in zip(task.confusion.presented, task.tests, strict=True)
             for j, answered in enumerate((*task.confusion.materials, NO_ANSWER))
-        ]  # fmt: skip
-        named = pd.CategoricalDtype(list(dict.fromkeys(row["answered"] for row in rows)))
-        types = dict.fromkeys(("mean", "sd", "chance", "t", "p", "p_holm"), "float64")
-        return pd.DataFrame(rows).astype({**types, "presented": named, "answered": named})
+        ])  # fmt: skip
+        named = pd.CategoricalDtype(frame["answered"].unique())
+        frame = frame.astype({"presented": named, "answered": named})
+        return frame.astype(dict.fromkeys(("mean", "sd", "chance", "t", "p", "p_holm"), "float64"))
 
     def task(self, task: str) -> TaskResult | None:
         """Return the result of one task, or None if the dataset has no such task."""
@@ -342,9 +342,8 @@ def _components(data: anovas.Cells, tasks: Sequence[TaskResult]) -> ComponentRel
     wanted |= {size: f"participants in a task, {size}" for size in sizes}
     wanted[1] = "a single participant"
     values = tuple((k, meaning, anovas.icc_of_mean(components, k)) for k, meaning in wanted.items())
-    return ComponentReliability(
-        components, values, tuple(defined(partial(anovas.icc_limits, data, k))[0] for k in wanted)
-    )
+    limits = tuple(defined(partial(anovas.icc_limits, data, k))[0] for k in wanted)
+    return ComponentReliability(components, values, limits)
 
 
 def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliability]:
