@@ -175,7 +175,7 @@ class Results:
             for i, test in zip(task.confusion.presented, task.tests, strict=True)
             for j, answered in enumerate((*task.confusion.materials, NO_ANSWER))
         ])  # fmt: skip
-        named = pd.CategoricalDtype(frame["answered"].unique())
+        named = pd.CategoricalDtype(list(frame["answered"].unique()))
         frame = frame.astype({"presented": named, "answered": named})
         return frame.astype(dict.fromkeys(("mean", "sd", "chance", "t", "p", "p_holm"), "float64"))
 
