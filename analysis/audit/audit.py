@@ -26,7 +26,7 @@ from palpate.analysis.audit.sentences import sentence_lines
 from palpate.analysis.documents.tables import Column, Record, Section, Table, blocks, plural, tabulate, text
 from palpate.analysis.identification.results import Results, TaskResult, compute
 from palpate.analysis.published import paper
-from palpate.analysis.published.numbers import PrintedIcc, Published
+from palpate.analysis.published.numbers import PrintedBlock, PrintedIcc, Published
 from palpate.analysis.published.paper import Stated
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Study, nothing_left
@@ -101,6 +101,8 @@ class Audit:
     label: str
     comparison: Comparison
     passed_over: tuple[str, ...] = ()
+    blocks: tuple[str, ...] = ()
+    """What virtual blocks in print ask of their devices, in sentences."""
 
     def __repr__(self) -> str:
         counts = Counter(line.verdict for line in self.comparison.lines)
@@ -121,7 +123,8 @@ class Audit:
         band = [self.label] if self.label else []
         section = text(comparison_section(self.origin, self.comparison), width)
         passed = [textwrap.fill(sentence, width) for sentence in self.passed_over]
-        return "\n\n".join([*band, section, *passed, *self._findings(width)])
+        blocks = [textwrap.fill(sentence, width) for sentence in self.blocks]
+        return "\n\n".join([*band, section, *passed, *self._findings(width), *blocks])
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything for JSON, without NaN or infinity; None stands where something is not a number."""
@@ -129,7 +132,7 @@ class Audit:
             "study": self.study, "source": self.comparison.source,
             "against": "print" if self.origin == PRINT else "dataset",
             "origin": None if self.origin == PRINT else self.origin, "label": self.label,
-            "passed_over": list(self.passed_over), "unread": self.comparison.unread,
+            "passed_over": list(self.passed_over), "blocks": list(self.blocks), "unread": self.comparison.unread,
             "lines": [{**asdict(line), "agrees": line.agrees} for line in self.comparison.lines],
         }  # fmt: skip
 
@@ -207,7 +210,20 @@ def audit(target: str, against: Path | None = None, stated: Stated | None = None
             known = ", ".join(published.shipped())
             raise PublishedError(target, "got no study, file or folder", "name one", allowed=f"{known}, or a path")
         printed = published.read(path)
-    return Audit(printed.study, PRINT, "", Comparison(printed.source, print_lines(printed), ()))
+    blocks = tuple(_asks(one) for one in printed.block)
+    return Audit(printed.study, PRINT, "", Comparison(printed.source, print_lines(printed), ()), (), blocks)
+
+
+def _asks(block: PrintedBlock) -> str:
+    """Return in sentences what a block asks: C v, and K T / 2 + C (Colgate and Schenkel 1997)."""
+    asked_n = block.damping_n_s_m * block.fastest_mm_s * 1e-3
+    needed = block.stiffness_n_m / block.rate_hz / 2 + block.damping_n_s_m
+    verdict = f"more than the {block.force_n:g} N that it makes" if asked_n > block.force_n else "which it makes"
+    return (
+        f"{block.where}: at a touch of {block.fastest_mm_s:g} mm/s the damper asks {asked_n:.4g} N of the device, "
+        f"{verdict}. With the hand's speed as the difference of two samples at {block.rate_hz:g} Hz, the block gives "
+        f"no energy to any hand only on a device with {needed:.4g} N s/m of its own."
+    )
 
 
 def _dataset(root: Path, against: Path | None) -> Audit:

@@ -316,6 +316,20 @@ class PrintedChoices(Confined):
     cells: Annotated[tuple[PrintedChoice, ...], Field(min_length=1)]
 
 
+Quantity = Annotated[float, Field(gt=0, le=1e9)]
+
+
+class PrintedBlock(Confined):
+    """A virtual block that a device renders up to its largest force, and the fastest hand that may touch it."""
+
+    where: Text
+    stiffness_n_m: Quantity
+    damping_n_s_m: Quantity
+    rate_hz: Quantity
+    fastest_mm_s: Quantity
+    force_n: Quantity
+
+
 def _dicts(table: object, *keys: str) -> Iterator[tuple[tuple[str | int, ...], dict[str, Any]]]:
     """Yield the tables that stand in lists under these keys, one within the other, each with its path."""
     for i, one in enumerate(_list(table.get(keys[0])) if isinstance(table, dict) else ()):
@@ -333,7 +347,7 @@ MOST_LINES = 50
 
 ENTRIES: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("table", "text", "score", "choices"), ("cells",)),
-    **dict.fromkeys(("task", "levels", "one_way", "two_way", "icc", "claim"), ()),
+    **dict.fromkeys(("task", "levels", "one_way", "two_way", "icc", "claim", "block"), ()),
     "t": ("tests",),
     "anova": ("lines",),
 }
@@ -436,6 +450,7 @@ class Published(Confined):
     icc: tuple[PrintedIcc, ...] = ()
     claim: tuple[PrintedClaim, ...] = ()
     choices: tuple[PrintedChoices, ...] = ()
+    block: tuple[PrintedBlock, ...] = ()
 
     @cached_property
     def cells(self) -> tuple[PrintedCell, ...]:

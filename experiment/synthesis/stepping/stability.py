@@ -27,6 +27,9 @@ Answers = Callable[[Complexes, Complexes], Complexes]
 PAPER_RATE_HZ, PAPER_STIFFNESS_N_M, PAPER_DAMPING_N_S_M = 2500.0, 2500.0, 100.0
 """The servo and the block of Wellman and Howe's virtual task; the paper prints no mass, and N/m/s for the damping."""
 
+PAPER_FASTEST_M_S, PAPER_FORCE_N = 0.175, 3.0
+"""Its "maximum allowable velocity", and the peak force of its device, which the Virtual Environment Testbed prints."""
+
 
 class Matrix(NamedTuple):
     """A matrix of two rows: (r, h dr/dt) after a step from those before it."""
@@ -151,7 +154,10 @@ def of_the_paper() -> str:
         "far less, so passivity does not explain why it was stable; the fingers that held it, and the mass of the "
         "block, which the paper does not print, may. The damper asks for nearly all of it: the spring alone would need "
         f"{PAPER_STIFFNESS_N_M * period / 2:g} N s/m. By explicit Euler the block itself would be unstable below a "
-        f"mass of about {lightest:.3g} kg."
+        f"mass of about {lightest:.3g} kg. At a touch of {PAPER_FASTEST_M_S * 1e3:g} mm/s the damper asks "
+        f"{PAPER_DAMPING_N_S_M * PAPER_FASTEST_M_S:g} N of a device that makes some {PAPER_FORCE_N:g}. Where a servo "
+        "knows the mass of its device's tip and is told the force that it sent, `palpate check --rig` finds 2.4 to 6 "
+        "N s/m enough, and how far the force is off."
     )
 
 

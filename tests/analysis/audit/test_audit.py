@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import tomllib
 from collections.abc import Sequence
 from decimal import ROUND_DOWN, ROUND_HALF_UP, Decimal
@@ -193,6 +194,13 @@ def test_the_dictionary_is_json(okamoto: Audit, repository_root: Path) -> None:
     assert (document["study"], document["against"]) == ("okamoto2012", "print")
     assert len(document["lines"]) == sum(_numbers(repository_root))
     assert set(document["lines"][0]) >= {"where", "printed", "recomputed", "low", "high", "verdict", "reason", "agrees"}
+
+
+def test_a_block_in_print_is_held_against_its_device(wellman: Audit, okamoto: Audit) -> None:
+    """100 N s/m at 175 mm/s are 17.5 N, and 2500 N/m at 2.5 kHz take half a newton second a metre more."""
+    (told,) = wellman.blocks
+    assert re.findall(r"\d[\d.]*(?= N\b)", told) == ["17.5", "3", "100.5"]
+    assert okamoto.blocks == ()
 
 
 def test_no_line_of_the_text_is_longer_than_a_terminal(okamoto: Audit, wellman: Audit) -> None:

@@ -77,6 +77,7 @@ def test_the_paper_is_judged() -> None:
     told = stability.of_the_paper()
     assert "100.5 N s/m of its own" in told
     assert "0.5 N s/m" in told
+    assert "17.5 N" in told
 
 
 def test_what_is_no_servo_is_refused() -> None:
