@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-FORMAT: Literal[9] = 9
-"""The format of the journal: its models and their meaning."""
+FORMAT: Literal[10] = 10
+"""The format of the journal: its models and their meaning. Headers of format 9 name no seal."""
 
 Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
 """What a session is for. Only sessions of one purpose stand in one dataset, and only a STUDY is data of its study."""
@@ -102,11 +102,12 @@ class Header(Entry):
     `software` and `source_sha256` are those of `software.this`. `session_id` are 32 unique hexadecimal digits, which
     identify copies. `recordings_sha256` is that of the manifest; None without synthesis. `task_kind` and `design` are
     the task's. `order` falls into blocks of `block_trials`. `roster_sha256` is the hash of the roster's last line at
-    the start; None in a rehearsal.
+    the start, `seal_sha256` that of the seal's file under which it began, and `consent_sha256` that of the protocol to
+    which the participant had consented; None in a rehearsal, and the last two in format 9.
     """
 
     kind: Literal["header"] = "header"
-    format: Literal[9] = FORMAT
+    format: Literal[9, 10] = FORMAT
     session_id: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     study: str
     protocol_sha256: str
@@ -116,6 +117,8 @@ class Header(Entry):
     rig_sha256: str
     recordings_sha256: str | None
     roster_sha256: str | None
+    seal_sha256: str | None = None
+    consent_sha256: str | None = None
     seed: int
     participant: str
     task: str

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Union
+from typing import Annotated, Any, Union, get_args
 
 from filelock import Timeout
 from pydantic import Field, TypeAdapter, ValidationError
@@ -160,7 +160,9 @@ def _entry(path: Path, number: int, link: chain.Link, *task_kinds: str) -> Entry
     # A journal of another format is refused in plain words, before its models refuse it in theirs.
     if link.entry.get("kind") == "header":
         got, by = link.entry.get("format"), str(link.entry.get("software", ""))
-        if (other := other_format(path, "journal", got, entries.FORMAT, line=number, software=by)) is not None:
+        older = got in get_args(Header.model_fields["format"].annotation)
+        other = other_format(path, "journal", got, entries.FORMAT, line=number, software=by)
+        if other is not None and not older:
             raise other
     entry = reader(*task_kinds).validate_json(link.json)
     if isinstance(entry, Header) != (number == 1):
