@@ -318,9 +318,9 @@ def write_json(path: Path, content: Mapping[str, object]) -> None:
     write_bytes(path, json_bytes(content))
 
 
-def protocol_path(dataset: Path) -> Path:
-    """Return where the protocol of a study is kept inside its dataset."""
-    return dataset / "sourcedata" / "protocol.toml"
+def protocol_path(dataset: Path, number: int = 1) -> Path:
+    """Return where the protocol of a study's approval with this `number` is kept inside its dataset."""
+    return dataset / "sourcedata" / ("protocol.toml" if number == 1 else f"protocol-{number}.toml")
 
 
 def plan_path(dataset: Path) -> Path:

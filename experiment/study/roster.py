@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from palpate.experiment import storage
-from palpate.experiment.clock import wall_ns
+from palpate.experiment.clock import day, wall_ns
 from palpate.experiment.errors import Finding, Remedy, RosterError, other_format
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain
@@ -25,10 +25,11 @@ from palpate.experiment.records.chain import Chain
 from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import VISIBLE, Line
+from palpate.experiment.study.approvals import Approvals, Approved, Stopped
 from palpate.experiment.study.schedule import labels, stranger
 
-FORMAT: Literal[1] = 1
-"""The format of the roster's file."""
+FORMAT: Literal[2] = 2
+"""The format of the roster's file. Format 1 has no lines of approvals; a roster begun in it may go on with them."""
 
 
 class Enrolled(Entry):
@@ -43,7 +44,7 @@ class First(Entry):
     """The first participant of a study took up their place; its seed was drawn at that moment, as the hash holds."""
 
     kind: Literal["first"] = "first"
-    format: Literal[1] = FORMAT
+    format: Literal[1, 2] = FORMAT
     participant: str
     consent_on: date | None
     seed_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -59,7 +60,7 @@ class Replacing(Entry):
 
 
 class Consented(Entry):
-    """A participant who had enrolled without it gave consent."""
+    """A participant gave consent who had enrolled without it, or to a later approval than before."""
 
     kind: Literal["consented"] = "consented"
     participant: str
@@ -112,7 +113,7 @@ class Revealed(Entry):
 
 
 AnyEntry = Annotated[
-    First | Enrolled | Replacing | Consented | Corrected | Voices | Withdrawn | Erased | Revealed,
+    First | Enrolled | Replacing | Consented | Corrected | Voices | Withdrawn | Erased | Revealed | Approved | Stopped,
     Field(discriminator="kind"),
 ]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
@@ -127,7 +128,9 @@ class Roster:
     on which a concealed order was first shown. `voices` tells, of each who was asked, whether the sound of their
     answers may be kept. `takes` names, for each who came after the planned ones, the participant whose place they took.
     `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line has it; None in a study
-    that began before such lines. `now_ns` tells the time of a new line.
+    that began before such lines. `approved` are the approvals after the first, `stopped` what suspended or ended them,
+    and `consented` the number of the approval to which each participant consented. `consents` has the days of all their
+    consents, as corrected. `now_ns` tells the time of a new line.
     """
 
     path: Path
@@ -137,6 +140,10 @@ class Roster:
     revealed: dict[str, date] = field(default_factory=dict)
     takes: dict[str, str] = field(default_factory=dict)
     voices: dict[str, bool] = field(default_factory=dict)
+    approved: list[Approved] = field(default_factory=list)
+    stopped: list[Stopped] = field(default_factory=list)
+    consented: dict[str, int] = field(default_factory=dict)
+    consents: dict[str, list[date]] = field(default_factory=dict)
     seed_sha256: str | None = None
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
@@ -204,6 +211,26 @@ class Roster:
         """Record that the concealed order of what a participant does is shown. Raises `RosterError`."""
         self._append(Revealed, participant=participant, revealed_on=today)
 
+    def approve(self, approved: Approved) -> None:
+        """Record an approval after the first. Raises `RosterError` if it is not the next one."""
+        self._append(Approved, **approved.model_dump(exclude={"kind"}))
+
+    def stop(self, stopped: Stopped) -> None:
+        """Record that the board suspended the approvals, lifted that, or ended the study. Raises `RosterError`."""
+        self._append(Stopped, **stopped.model_dump())
+
+    def approvals(self, first: Approved) -> Approvals:
+        """Return all approvals as these lines have them, with the `first`, which has no line."""
+        return Approvals((first, *self.approved), tuple(self.stopped))
+
+    def known_day(self, today: date) -> date:
+        """Return `today`, or the day of the last line where that is later: the machine's clock was set back."""
+        return max([today, *(day(link.t_ns) for link in self.lines.links[-1:])])
+
+    def approval_on(self, on: date) -> int:
+        """Return the number of the last approval that began by the day `on`."""
+        return 1 + sum(one.from_on <= on for one in self.approved)
+
     def has_erased(self, file: str) -> bool:
         """Return whether a file of the dataset, by its path inside, was of a participant whose data were deleted."""
         return PurePosixPath(file).parent.name.removeprefix("sub-") in self.erased
@@ -237,7 +264,7 @@ class Roster:
         for number, link in enumerate(lines.links, start=1):
             if link.entry.get("kind") == "first":
                 got = link.entry.get("format")
-                if (other := other_format(path, "roster", got, FORMAT, line=number)) is not None:
+                if got != 1 and (other := other_format(path, "roster", got, FORMAT, line=number)) is not None:
                     raise other
             try:
                 roster._apply(_ENTRY.validate_json(link.json))
@@ -247,7 +274,7 @@ class Roster:
                 raise RosterError.at(replace(inner, where=path, line=number, remedy=remedy)) from error
         return roster
 
-    def _append(self, kind: type[AnyEntry], **facts: object) -> None:
+    def _append(self, kind: type[AnyEntry], /, **facts: object) -> None:
         try:
             entry = kind.model_validate(facts)
         except ValidationError as error:
@@ -283,6 +310,9 @@ class Roster:
             raise RosterError(self.path, what, remedy) from error
 
     def _apply(self, entry: AnyEntry) -> None:
+        if isinstance(entry, Approved | Stopped):
+            self._apply_approval(entry)
+            return
         participant = entry.participant
         if isinstance(entry, First | Enrolled | Replacing):
             self.check_next(participant)
@@ -296,7 +326,7 @@ class Roster:
                         f"the place of participant {entry.takes} is not free", remedy=f"enrol {participant} again"
                     )
                 self.takes[participant] = entry.takes
-            self.consent_on[participant] = entry.consent_on
+            self._set_consent(participant, entry.consent_on)
             return
         if isinstance(entry, Revealed):
             self.revealed.setdefault(participant, entry.revealed_on)
@@ -322,7 +352,12 @@ class Roster:
         if isinstance(entry, Voices):
             self.voices[participant] = entry.agreed
             return
-        if isinstance(entry, Consented) and known is not None:
+        self._apply_consent(entry, known)
+
+    def _apply_consent(self, entry: Consented | Corrected, known: date | None) -> None:
+        participant = entry.participant
+        again = self.consented.get(participant, 0) < self.approval_on(entry.consent_on)
+        if isinstance(entry, Consented) and known is not None and not again:
             raise RosterError(
                 f"participant {participant} consented on {known} already",
                 remedy="if that day is wrong, give --correct and --reason",
@@ -331,7 +366,32 @@ class Roster:
             raise RosterError(
                 f"participant {participant} has no consent to correct", remedy="record it without --correct"
             )
-        self.consent_on[participant] = entry.consent_on
+        if isinstance(entry, Corrected):
+            self.consents[participant].pop()
+        self._set_consent(participant, entry.consent_on)
+
+    def _set_consent(self, participant: str, on: date | None) -> None:
+        self.consent_on[participant] = on
+        if on is not None:
+            self.consented[participant] = self.approval_on(on)
+            self.consents.setdefault(participant, []).append(on)
+
+    def _apply_approval(self, entry: Approved | Stopped) -> None:
+        if any(one.kind == "ended" for one in self.stopped):
+            raise RosterError("the board ended this study", remedy="begin another one, with an id of its own")
+        if isinstance(entry, Approved):
+            least = max((one.from_on for one in self.approved), default=date.min)
+            if entry.number != len(self.approved) + 2 or entry.from_on < least:
+                what = f"approval {entry.number} from {entry.from_on} is not the next one"
+                raise RosterError(what, allowed=f"{len(self.approved) + 2}, from {least} on")
+            self.approved.append(entry)
+            return
+        last = self.stopped[-1] if self.stopped else Stopped(kind="lifted", from_on=date.min, reason="-")
+        if entry.kind == last.kind:
+            raise RosterError(f"the study is {'suspended' if last.kind == 'suspended' else 'not suspended'} already")
+        if entry.from_on < last.from_on:
+            raise RosterError(f"the study was {last.kind} on {last.from_on}", allowed=f"a day from {last.from_on} on")
+        self.stopped.append(entry)
 
     def check_enrolled(self, participant: str) -> None:
         """Return when `participant` is enrolled. Raises `RosterError` otherwise."""
