@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from palpate.analysis.documents.tables import plural
-from palpate.analysis.reading.study import Part, Study, Task, TaskDesign, check_chances, exclude
+from palpate.analysis.reading.study import Part, Study, Task, TaskDesign, check_chances
+from palpate.analysis.reading.versions import apply_rules, read_versions
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError, other_format
 from palpate.experiment.protocol import designs, kinds
@@ -98,11 +99,9 @@ def read(root: Path) -> Study:
             rows += _events(path, participant, task, _Levels(shown, own, facts["Origin"]), sidecar["Rows"])
     if not rows:
         raise DatasetError(f"{root} contains no trials", remedy="run a session first, then make the dataset again")
-    protocol, sealed = _plan(root / "sourcedata" / "protocol.toml")
-    attempts = pd.DataFrame(rows)
-    rules = protocol.exclusion if protocol else ()
-    with_objects = [task.id for task in protocol.tasks if task.stimulus == "real"] if protocol else []
-    exclusions, unasked = exclude(attempts, withdrawn, rules, with_objects=with_objects)
+    versions = read_versions(root, facts)
+    protocol, sealed = _plan(root / "sourcedata" / (versions[-1].file if versions else "protocol.toml"))
+    attempts, exclusions, unasked = apply_rules(pd.DataFrame(rows), withdrawn, protocol, versions)
     done = tuple(tasks[task] for task in facts["Tasks"] if task in tasks)
     names = tuple(task.id for task in done)
     return Study(
@@ -110,7 +109,7 @@ def read(root: Path) -> Study:
         label=str(facts["Label"]), materials=materials, tasks=done, participants=tuple(withdrawn),
         first_tasks=first_tasks, session_ids=session_ids, attempts=attempts, exclusions=exclusions, unasked=unasked,
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
-        parts=(Part(root.resolve().name, tuple(withdrawn), names, protocol, sealed, _anchors(root)),),
+        parts=(Part(root.resolve().name, tuple(withdrawn), names, protocol, sealed, _anchors(root), versions),),
         designs=asked,
     )  # fmt: skip
 

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -180,10 +181,20 @@ class TaskDesign:
 
 
 @dataclass(frozen=True)
+class Version:
+    """A version of an amended protocol: its file, and its sessions, each a participant and a task."""
+
+    file: str
+    protocol: Protocol
+    sessions: frozenset[tuple[str, str]]
+
+
+@dataclass(frozen=True)
 class Part:
     """One dataset of a study: folder's name, participants, tasks, its protocol, whether that is `sealed`, and anchors.
 
-    `anchors` are the days and numbers of those in its log, as they stand in a lab book, oldest first.
+    `anchors` are the days and numbers of those in its log, as they stand in a lab book, oldest first. `protocol` is the
+    version in force; `versions` has it and those before it, oldest first, where a board approved more than one.
     """
 
     name: str
@@ -192,6 +203,12 @@ class Part:
     protocol: Protocol | None
     sealed: str = "no seal stands beside it"
     anchors: tuple[str, ...] = ()
+    versions: tuple[Version, ...] = ()
+
+    def plan(self, participant: str, task: str) -> Protocol | None:
+        """Return the version of the protocol under which a participant did a task."""
+        own = (one.protocol for one in self.versions if (participant, task) in one.sessions)
+        return next(own, self.protocol)
 
 
 @dataclass(frozen=True)
@@ -292,7 +309,7 @@ def _differences(study: Study) -> list[str]:
     if not known:
         return []
     name, first = known[0]
-    said = []
+    said = [sentence for part in study.parts for sentence in _amendments(part)]
     for other, protocol in known[1:]:
         if keys := [key for key in type(first).model_fields if getattr(protocol, key) != getattr(first, key)]:
             said.append(f"The protocols of {name} and {other} differ in: {', '.join(keys)}.")
@@ -306,17 +323,31 @@ def _differences(study: Study) -> list[str]:
     return said
 
 
+def _amendments(part: Part) -> Iterator[str]:
+    """Yield what each amendment changed, and how many sessions are of each version; all are analysed together."""
+    for old, new in pairwise(part.versions):
+        differing = [
+            key for key in type(new.protocol).model_fields if getattr(old.protocol, key) != getattr(new.protocol, key)
+        ]
+        yield (
+            f"The protocol of {part.name} was amended: {new.file} ({plural(len(new.sessions), 'session')}) differs "
+            f"from {old.file} ({plural(len(old.sessions), 'session')}) in: {', '.join(differing)}. Sessions of both "
+            "are analysed together. The planned numbers are those of the version in force."
+        )
+
+
 def _incomplete(study: Study) -> list[str]:
     """Return a sentence on sessions with fewer counted trials than their protocol plans, if there are any."""
     rows = study.attempts[study.attempts["counted"]]
     counted = Counter(zip(rows["participant"].tolist(), rows["task"].tolist(), strict=True))
     planned = {
-        (participant, task.id): part.protocol.trials(task)
+        (participant, task.id): plan.trials(plan.task(task.id))
         for part in study.parts
         if part.protocol
         for task in part.protocol.tasks
         if task.levels is None
         for participant in part.participants
+        if (plan := part.plan(participant, task.id))
     }
     short = [
         f"{participant} in {task} ({count} of {planned[participant, task]})"

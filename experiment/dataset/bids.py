@@ -43,7 +43,8 @@ class DatasetText:
     """What a dataset says about itself.
 
     `study` is an id, `tasks` are in the order of the tables, `origin` produced the rows, and `readme` follows title and
-    label. `ordered`: whether trial numbers are the order of the trials; None says nothing.
+    label. `ordered`: whether trial numbers are the order of the trials; None says nothing. `versions` are those
+    of an amended protocol, oldest first, each with its file and its sessions.
     """
 
     study: str
@@ -56,6 +57,7 @@ class DatasetText:
     software: Software
     references: tuple[str, ...] = ()
     ordered: bool | None = None
+    versions: tuple[Mapping[str, object], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,7 @@ def description(root: Path, text: DatasetText) -> Files:
         "Label": label,
         "Tasks": list(text.tasks),
         **({} if text.ordered is None else {"Ordered": text.ordered}),
+        **({"Versions": list(text.versions)} if text.versions else {}),
     }
     content: dict[str, object] = {
         "Name": name,

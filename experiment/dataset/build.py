@@ -65,17 +65,18 @@ def build(root: Path, each: Each = map) -> None:
     if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
         raise DatasetError(root, "got no journal", "run a session first", allowed="one or more")
     bids.write_files(study_files(root, dataset))
-    for _ in each(partial(_build_session, root, dataset.protocol, dataset.purpose), [of[0] for of in dataset.sessions]):
+    for _ in each(partial(_build_session, dataset), [of[0] for of in dataset.sessions]):
         pass
 
 
-def _build_session(root: Path, protocol: Protocol, purpose: entries.Purpose, path: Path) -> None:
-    contents, origin = journal.read(path), ORIGINS[purpose]
+def _build_session(dataset: Dataset, path: Path) -> None:
+    root, contents, origin = dataset.root, journal.read(path), ORIGINS[dataset.purpose]
+    protocol = dataset.version(contents.header)
     kind = kind_of(protocol.task(contents.header.task))
     outcomes = [outcome for outcome, _ in kind.cells(path, contents)]
     kind.write(root, path, contents, raw_frames(path, outcomes), origin)
     # The table comes last: where it is, nothing of its session is missing.
-    bids.write_files(session_table(root, protocol, purpose, path, contents))
+    bids.write_files(session_table(root, protocol, dataset.purpose, path, contents))
 
 
 def session_table(
@@ -116,8 +117,26 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         references=(protocol.study.source,),
         readme=readme[origin],
         software=software.this(),
+        versions=tuple(_versions(dataset)),
     )
     return bids.participants(root, people, origin=origin) | bids.description(root, text)
+
+
+def _versions(dataset: Dataset) -> Iterator[Mapping[str, object]]:
+    """Yield each version of an amended protocol, with its file and the sessions that began under it."""
+    known = dataset.approvals
+    if known is None or len(dataset.versions) == 1:
+        return
+    for one in known.approved:
+        if known.version(one.number) != one.number:
+            continue
+        own = [
+            f"sub-{header.participant}_task-{header.task}"
+            for _, header in dataset.sessions
+            if known.version(known.number_of(header.seal_sha256)) == one.number
+        ]
+        file = storage.protocol_path(dataset.root, one.number).name
+        yield {"Protocol": file, "From": one.from_on.isoformat(), "Sessions": own}
 
 
 def event_rows(

@@ -21,18 +21,18 @@ from palpate.experiment.dataset import register
 from palpate.experiment.dataset.register import LOG, Anchor, Kept, Prefix
 from palpate.experiment.errors import DatasetError, Finding, PalpateError, Remedy, RosterError
 from palpate.experiment.protocol import approval, files
-from palpate.experiment.protocol.approval import Seal
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Armed, Header, Purpose, Withdrawal
 from palpate.experiment.records.progress import progress
-from palpate.experiment.study import enrolment, schedule
+from palpate.experiment.study import approvals, enrolment, schedule
 from palpate.experiment.study import roster as rosters
+from palpate.experiment.study.approvals import Approvals
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import allocate, allocated
 
-FARTHEST_EAST = timedelta(hours=14)
-"""The day of a session's beginning is at most this much ahead of UTC, wherever it was run."""
+FARTHEST_EAST, FARTHEST_WEST = timedelta(hours=14), timedelta(hours=-12)
+"""The day of a session's beginning is at most this much ahead of UTC, and behind it, wherever it was run."""
 
 
 Each = Callable[[Callable[[Path], Any], Iterable[Path]], Iterable[Any]]
@@ -74,7 +74,8 @@ class Sessions:
 class Dataset(Sessions):
     """A dataset on disk, with all its journals read.
 
-    A simulation has a `plan`, a study a `roster`, and a `seal` once a session began. `tasks` are those of every
+    A simulation has a `plan`, a study a `roster`, and `approvals` once a session began or an approval was amended.
+    `protocol` is the version of the latest, `versions` has every version by its hash. `tasks` are those of every
     participant in order, concealed until they begin. `sessions` are the headers of journals that fit, `under_way` those
     of them without a footer at their end, `withdrawals` the ones that record that their participant withdrew. `begun`
     are the journals of every session, damaged ones too, and `damage` is what is wrong with single ones. Sessions of
@@ -87,7 +88,8 @@ class Dataset(Sessions):
     tasks: Mapping[str, tuple[str, ...]]
     plan: Plan | None = None
     roster: Roster | None = None
-    seal: Seal | None = None
+    approvals: Approvals | None = None
+    versions: Mapping[str, Protocol] = field(default_factory=dict)
     under_way: frozenset[Path] = frozenset()
     withdrawals: frozenset[Path] = frozenset()
     begun: frozenset[Path] = frozenset()
@@ -98,6 +100,10 @@ class Dataset(Sessions):
     def people(self) -> Roster:
         """The roster, an empty one of a simulation."""
         return self.roster or Roster(storage.roster_path(self.root))
+
+    def version(self, header: Header) -> Protocol:
+        """The version of the protocol under which a session began."""
+        return self.versions.get(header.protocol_sha256, self.protocol)
 
 
 def has_journals(root: Path) -> bool:
@@ -177,7 +183,7 @@ def anchor(root: Path) -> Anchor:
         study=dataset.protocol.study.id,
         purpose=dataset.purpose,
         protocol_sha256=approval.sha256(dataset.protocol),
-        seal_sha256=seal_sha256(root),
+        seal_sha256=seals(root)[-1] if dataset.approvals is not None else None,
         prefixes=tuple(
             Prefix(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
             for path in (storage.roster_path(root), *(path for path, _ in dataset.sessions))
@@ -186,10 +192,14 @@ def anchor(root: Path) -> Anchor:
     )
 
 
-def seal_sha256(root: Path) -> str | None:
-    """Return the hash of the file of a dataset's seal; None where there is none."""
-    path = approval.seal_path(storage.protocol_path(root))
-    return hashlib.sha256(storage.read_bytes(path)).hexdigest() if path.exists() else None
+def seals(root: Path) -> tuple[str, ...]:
+    """Return the hash of the file of each seal of a dataset, oldest first; none where there is none."""
+    found, number = [], 1
+    while number == 1 or storage.protocol_path(root, number).exists():
+        path = approval.seal_path(storage.protocol_path(root, number))
+        found += [hashlib.sha256(storage.read_bytes(path)).hexdigest()] if path.exists() else []
+        number += 1
+    return tuple(found)
 
 
 def keep_anchor(root: Path) -> tuple[Anchor, bool]:
@@ -256,13 +266,16 @@ def _expected(root: Path) -> Dataset:
     if not plan_file.exists():
         seed, purpose = enrolment.seed_of(root), enrolment.purpose_of(root)
         roster = Roster.load(storage.roster_path(root))
-        tasks = {one.participant: one.tasks for one in allocated(protocol, seed, roster.takes)}
-        seal = (
-            approval.dataset_seal(kept, protocol)
-            if any(storage.size(path) for path in storage.journals(root))
-            else None
-        )
-        return Dataset(root, protocol, purpose, seed, tasks, roster=roster, seal=seal)
+        versions = {approval.sha256(protocol): protocol, **dict(_later_versions(root, roster))}
+        latest = versions[roster.approved[-1].protocol_sha256] if roster.approved else protocol
+        tasks = {one.participant: one.tasks for one in allocated(latest, seed, roster.takes)}
+        known = None
+        if roster.approved or any(storage.size(path) for path in storage.journals(root)):
+            # Nobody was run under the first approval where an amendment came before the first session.
+            if not roster.approved or approval.seal_path(kept).exists():
+                approval.dataset_seal(kept, protocol)
+            known = roster.approvals(approvals.read_first(root))
+        return Dataset(root, latest, purpose, seed, tasks, roster=roster, approvals=known, versions=versions)
     try:
         plan = Plan.model_validate_json(storage.read_bytes(plan_file))
     except (OSError, ValidationError) as error:
@@ -276,6 +289,20 @@ def _expected(root: Path) -> Dataset:
         raise DatasetError(kept, f"is not the protocol of this {plan.label}", "restore it, or begin anew")
     tasks = {one.participant: one.tasks for one in allocate(protocol, plan.seed)[: plan.participants]}
     return Dataset(root, protocol, plan.label, plan.seed, tasks, plan)
+
+
+def _later_versions(root: Path, roster: Roster) -> Iterator[tuple[str, Protocol]]:
+    """Yield the protocol of each approval after the first. Raises `DatasetError` where it or its seal is another."""
+    for one in roster.approved:
+        path = storage.protocol_path(root, one.number)
+        for file in (path, approval.seal_path(path)):
+            if not file.exists():
+                raise DatasetError(file, "is missing, and the roster names it", "restore it from a backup")
+        protocol = files.load(path)
+        if approval.sha256(protocol) != one.protocol_sha256 or approvals.seal_sha256(path) != one.seal_sha256:
+            what = f"this or its seal is not that of approval {one.number} in the roster"
+            raise DatasetError(path, what, "restore both from a backup")
+        yield one.protocol_sha256, protocol
 
 
 def _anchors(dataset: Dataset) -> Iterator[Finding]:
@@ -342,8 +369,9 @@ def _copies(dataset: Dataset) -> Iterator[Finding]:
 def _levels(dataset: Dataset) -> Iterator[Finding]:
     """Yield the first entry of each journal, in tasks with levels, that does not follow from what stands before it."""
     for path, header in dataset.sessions:
-        if (task := dataset.protocol.task(header.task)).levels is not None:
-            tracks = import_module("palpate.experiment.study.levels").Tracks(dataset.protocol, task)
+        protocol = dataset.version(header)
+        if (task := protocol.task(header.task)).levels is not None:
+            tracks = import_module("palpate.experiment.study.levels").Tracks(protocol, task)
             yield from tracks.findings(path, journal.read(path).entries)
 
 
@@ -357,29 +385,29 @@ def _check_header(path: Path, header: Header, study: Dataset) -> None:
         raise _foreign(path, f"participant {participant}", f"{min(study.tasks)} to {max(study.tasks)}, as planned")
     if task not in known:
         raise _foreign(path, f"task {task}", f"{', '.join(known)}, the tasks of participant {participant}")
-    plan = study.plan
+    plan, protocol = study.plan, study.version(header)
     expected = {
         "purpose": study.purpose,
-        "study": study.protocol.study.id,
-        "protocol_sha256": approval.sha256(study.protocol),
+        "study": protocol.study.id,
+        "protocol_sha256": approval.sha256(protocol),
         "seed": study.seed,
         "task_position": known.index(task) + 1,
-        "task_kind": study.protocol.task(task).kind,
-        "design": study.protocol.task(task).design,
-        "block_trials": schedule.block_trials(study.protocol, task),
+        "task_kind": protocol.task(task).kind,
+        "design": protocol.task(task).design,
+        "block_trials": schedule.block_trials(protocol, task),
         **({"rig_sha256": plan.rig_sha256} if plan else {}),
         **({"session_id": header.rehearsed_id(plan.control)} if plan and plan.label == "REHEARSAL" else {}),
     }
     for name, allowed in expected.items():
         if (got := getattr(header, name)) != allowed:
             raise _foreign(path, f"{name} {got}", f"{allowed}, as everywhere in this dataset")
-    seed, presents = study.seed, study.protocol.materials_of(study.protocol.task(task))
+    seed, presents = study.seed, protocol.materials_of(protocol.task(task))
     if foreign := sorted({one for trial in header.order for one in trial.presented}.difference(presents)):
         raise _foreign(path, f"trials with {', '.join(foreign)}", f"{', '.join(presents)}, which task {task} presents")
-    if header.order != schedule.schedule(protocol=study.protocol, participant=participant, task_id=task, seed=seed):
+    if header.order != schedule.schedule(protocol=protocol, participant=participant, task_id=task, seed=seed):
         raise _foreign(path, "another order of trials", "the one that protocol and seed give")
-    if study.roster is not None and study.seal is not None:
-        _check_enrolment(path, header, study.roster, study.seal, study.protocol)
+    if study.roster is not None and study.approvals is not None:
+        _check_enrolment(path, header, study.roster, study.approvals, protocol)
 
 
 def _foreign(path: Path, got: str, allowed: str) -> DatasetError:
@@ -388,22 +416,51 @@ def _foreign(path: Path, got: str, allowed: str) -> DatasetError:
     return DatasetError(path, what, remedy, allowed=allowed)
 
 
-def _check_enrolment(path: Path, header: Header, roster: Roster, seal: Seal, protocol: Protocol) -> None:
-    """Refuse a session of somebody who had not enrolled and consented before, or had withdrawn."""
+def _check_enrolment(path: Path, header: Header, roster: Roster, known: Approvals, protocol: Protocol) -> None:
+    """Refuse a session of somebody who had not enrolled and consented before, or had withdrawn, or without approval."""
+    days = _days(header)
     try:
-        roster.as_of(header.roster_sha256).may_run(header.participant, protocol, approved_on=date.min, today=date.max)
-        rosters.check_consent(
-            header.participant,
-            roster.consent_on[header.participant],
-            approved_on=seal.approved_on,
-            today=(datetime.fromisoformat(header.started_utc) + FARTHEST_EAST).date(),
-        )
+        then = roster.as_of(header.roster_sha256)
+        then.may_run(header.participant, protocol, approved_on=date.min, today=date.max)
+        # The day of a consent may have been corrected since; consents to later approvals came after the session.
+        count = len(then.consents.get(header.participant, ()))
+        consent_on = roster.consents[header.participant][count - 1] if count else None
+        rosters.check_consent(header.participant, consent_on, approved_on=_first_day(known), today=days[-1])
+        if header.seal_sha256 is not None:
+            _check_approval(header, then, then.approvals(known.approved[0]), days)
     except RosterError as error:
         if error.finding.where == roster.path:
             # The roster was cut; the sessions that began under its last lines are as they were.
             raise
         what = f"the session was not allowed to begin: {error.finding.observation()}"
         raise RosterError.at(replace(error.finding, where=path, what=what)) from error
+
+
+def _days(header: Header) -> tuple[date, ...]:
+    """Return the days that it may have been where a session began."""
+    began = datetime.fromisoformat(header.started_utc)
+    return tuple(dict.fromkeys((began + ahead).date() for ahead in (FARTHEST_WEST, timedelta(0), FARTHEST_EAST)))
+
+
+def _first_day(known: Approvals) -> date:
+    return min(one.approved_on for one in known.approved)
+
+
+def _check_approval(header: Header, roster: Roster, known: Approvals, days: tuple[date, ...]) -> None:
+    """Refuse a session that began without the approval that its header names, by the lines of the roster until then."""
+    one = known.approved[known.number_of(header.seal_sha256) - 1]
+    if (one.seal_sha256, one.protocol_sha256) != (header.seal_sha256, header.protocol_sha256):
+        what = f"it names the seal {header.seal_sha256[:12]}, which no approval had that was on record then"
+        raise RosterError(what, remedy="if a seal was changed or replaced, restore it from a backup")
+    days = tuple(map(roster.known_day, days))
+    if all(known.stop(day) for day in days):
+        raise RosterError("the approval was suspended or had ended")
+    if all(day < one.from_on or day > one.expires_on for day in days):
+        what = f"approval {one.number} was valid from {one.from_on} to {one.expires_on}"
+        raise RosterError(f"{what}, and the session began on {header.started_utc[:10]}")
+    consented = known.approved[roster.consented.get(header.participant, 1) - 1]
+    if header.consent_sha256 not in (None, consented.protocol_sha256):
+        raise RosterError("consent was to another version than its header names")
 
 
 def _tables_alone(dataset: Dataset) -> Iterator[Finding]:

@@ -20,7 +20,7 @@ from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose
 from palpate.experiment.records.progress import Progress, progress
-from palpate.experiment.study import enrolment, privacy
+from palpate.experiment.study import amendment, enrolment, privacy
 
 COLUMNS = 80
 """Width of the screen, characters."""
@@ -307,7 +307,7 @@ def status(given: Path, today: date) -> Status:
         reminders=(
             *wanted,
             *warned,
-            *_reminders(root, dataset, people),
+            *_reminders(root, dataset, people, today),
             *_due(root, keep_until, today),
         ),
         keep_until=keep_until,
@@ -316,15 +316,20 @@ def status(given: Path, today: date) -> Status:
 
 def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date) -> tuple[str, list[Finding]]:
     """Return the approval in a sentence, and what to do about it, by the seal that `palpate run` would check."""
-    file = protocol_file or storage.protocol_path(root)
+    known = dataset.approvals
+    if known is not None and (stop := known.stop(today)) is not None:
+        return f"{stop.kind.upper()} from {stop.from_on} on, so nobody is run: {stop.reason}.", []
+    file = protocol_file or storage.protocol_path(root, known.known(today)[-1].number if known else 1)
     if protocol_file is None and not approval.seal_path(file).exists():
         return "No session has begun, so no seal is kept here; the one beside the protocol's file counts.", []
-    version = files.load(protocol_file) if protocol_file else dataset.protocol
+    version = files.load(file)
     told, _ = sealing.state(file, version, today)
     wanted = []
-    if approval.sha256(version) != approval.sha256(dataset.protocol):
-        what = f"{file} is another version of the protocol than the dataset's, so no session can be run with it."
-        wanted.append(Finding(what))
+    if protocol_file and approval.sha256(version) != approval.sha256(dataset.protocol):
+        what = f"{file} is another version of the protocol than the dataset's, so no session can be run with it"
+        words = "if the board approved it for this study, seal it, then run {}"
+        amend = ("palpate", "amend", str(file), "--dataset", str(root))
+        wanted.append(Finding(what, remedy=Remedy(words, amend, suffices=False)))
     try:
         seal = approval.verify(file, version, today)
     except ProtocolError:
@@ -332,12 +337,25 @@ def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date)
         seal_it = approval.seal_again(protocol_file or Path("PROTOCOL"), words, *(["--replace"] if replaces else []))
         return told, [*wanted, Finding("", remedy=seal_it)]
     if seal.expires_on - today <= SOON:
-        what = f"The approval ends on {seal.expires_on}; have it renewed and seal the protocol again."
+        what = (
+            f"The approval ends on {seal.expires_on}; have it renewed, seal the protocol again, then run palpate amend."
+        )
         wanted.append(Finding(what))
     return f"Sealed until {seal.expires_on}, approval number {seal.approval_number}.", wanted
 
 
-def _reminders(root: Path, dataset: Dataset, people: list[Person]) -> Iterator[Finding]:
+def _consent_anew(root: Path, dataset: Dataset, today: date) -> Iterator[Finding]:
+    """Tell who has to consent to an amendment before their next session."""
+    if dataset.roster is None or dataset.approvals is None:
+        return
+    for who in amendment.to_consent_anew(root, dataset.approvals, dataset.roster, today):
+        file = storage.protocol_path(root, dataset.approvals.known(today)[-1].number)
+        given = ("--participant", who, "--consent-on", "DAY", "--dataset", str(root))
+        words = f"Participant {who} consents to the amendment before their next session: {{}}"
+        yield Finding("", remedy=Remedy(words, ("palpate", "consent", str(file), *given)))
+
+
+def _reminders(root: Path, dataset: Dataset, people: list[Person], today: date) -> Iterator[Finding]:
     asked = dataset.roster.consent_on if dataset.roster and dataset.protocol.consent.required else {}
     for one in people:
         if one.state == "to begin" and asked.get(one.participant, date.min) is None:
@@ -351,6 +369,7 @@ def _reminders(root: Path, dataset: Dataset, people: list[Person]) -> Iterator[F
                 f"Participant {one.participant}: the session of task {one.task.header.task} has no end on record. "
                 f"Unless it is running now, it was cut off; {again} goes on with it."
             )
+    yield from _consent_anew(root, dataset, today)
     if warning := privacy.readers_warning(root):
         yield Finding(warning)
     if (free := shutil.disk_usage(root).free) < LEAST_FREE:

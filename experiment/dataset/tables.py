@@ -94,7 +94,8 @@ def differences(dataset: Dataset) -> Iterator[Finding]:
     root = dataset.root
     yield from _of_study(dataset) if dataset.whole else ()
     for path, header in dataset.sessions:
-        made, contents = partial(build.session_table, root, dataset.protocol, dataset.purpose, path), journal.read(path)
+        contents = journal.read(path)
+        made = partial(build.session_table, root, dataset.version(header), dataset.purpose, path)
         unlike = _differing(root, made(contents))
         if unlike and path in dataset.under_way:
             earlier = (_differing(root, made(then)) for then in _since_footer(contents))
@@ -108,7 +109,7 @@ def lost_traces(dataset: Dataset) -> Iterator[Finding]:
     """Yield raw frames that are not those a journal names, and each trace of the foot's height that is missing."""
     for path, header in dataset.sessions:
         contents = journal.read(path)
-        kind = build.kind_of(dataset.protocol.task(header.task))
+        kind = build.kind_of(dataset.version(header).task(header.task))
         try:
             build.raw_frames(path, [outcome for outcome, _ in kind.cells(path, contents)])
         except PalpateError as error:

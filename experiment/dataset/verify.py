@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import date, timedelta
 from operator import ne
 from pathlib import Path
 from typing import Literal
@@ -25,6 +26,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Header, Outcome, Purpose
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import enrolment
+from palpate.experiment.study.approvals import Approvals
 from palpate.experiment.study.roster import Roster
 
 MISTYPED = 2
@@ -164,7 +166,7 @@ def _together(
         if not by_roster:
             text = "was drawn before the first participant enrolled, as its hash there shows"
         yield Finding(text, "seed", verdict="unknown" if by_roster else "passes")
-    yield from _sealed(root, evidence) if held.roster else ()
+    yield from _sealed(held, evidence) if held.roster else ()
     if held.roster and not (root / LOG).exists():
         ended = len(held.sessions) - len(held.under_way)
         why = f"{count(ended, 'session')} ended, so it was deleted, or a kill came before the first anchor"
@@ -184,15 +186,41 @@ def _together(
     yield Finding(text, "tables", verdict="passes")
 
 
-def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
-    """Yield the seal under which the study was begun; only an anchor shows that its approval was not edited."""
-    seal, now = approval.read(storage.protocol_path(root)), checks.seal_sha256(root)
-    anchored = any(one.seal_sha256 == now for place in evidence for one in place.anchors)
-    verdict: Verdict = "passes" if anchored else "unknown"
-    yield Finding("is of the protocol", "seal", verdict="passes")
-    yield Finding(f"from {seal.approved_on} to {seal.expires_on}", "approval", verdict=verdict)
-    yield Finding(seal.approval_number, "approval number", verdict=verdict)
-    yield Finding(" ".join(seal.board.split()), "board", verdict=verdict)
+def _sealed(held: Dataset, evidence: Sequence[Evidence]) -> Iterator[Finding]:
+    """Yield the seal of each approval; only an anchor shows that it was not edited."""
+    anchored = {one.seal_sha256 for place in evidence for one in place.anchors}
+    if (known := held.approvals) is None:
+        return
+    for one in known.approved:
+        if one.seal_sha256 is None:
+            continue
+        seal = approval.read(storage.protocol_path(held.root, one.number))
+        verdict: Verdict = "passes" if one.seal_sha256 in anchored else "unknown"
+        which = "" if one.number == 1 else f" {one.number}"
+        yield Finding("is of the protocol", f"seal{which}", verdict="passes")
+        yield Finding(f"from {seal.approved_on} to {seal.expires_on}", f"approval{which}", verdict=verdict)
+        yield Finding(seal.approval_number, f"approval{which} number", verdict=verdict)
+        yield Finding(" ".join(seal.board.split()), f"board{which}", verdict=verdict)
+    yield from _without_approval(held, known)
+
+
+def _without_approval(held: Dataset, known: Approvals) -> Iterator[Finding]:
+    """Yield each session on a day without approval, by all lines of the roster, or in a journal that names no seal."""
+    for path, header in held.sessions:
+        on, where = date.fromisoformat(header.started_utc[:10]), path.relative_to(held.root).as_posix()
+        one = known.approved[known.number_of(header.seal_sha256) - 1]
+        if not one.approved_on - A_DAY <= on <= one.expires_on + A_DAY:
+            days = f"approval {one.number} was valid from {one.approved_on} to {one.expires_on}"
+            text = f"began on {on}, and {days}: a renewal was not recorded, or the session had no approval"
+            yield Finding(text, where, verdict="warns")
+        stops = [known.stop(day) for day in (on - A_DAY, on, on + A_DAY)]
+        if (stop := stops[0]) is not None and all(stops):
+            text = f"began on {on}, and the study was {stop.kind} from {stop.from_on} on, as was recorded later"
+            yield Finding(text, where, verdict="warns")
+
+
+A_DAY = timedelta(days=1)
+"""Where a session was run, its day may differ from that of UTC by this."""
 
 
 def _tables_alone(root: Path) -> Iterator[Finding]:
@@ -415,12 +443,12 @@ def _is_foreign(place: Evidence, files: Mapping[str, Sequence[str]]) -> bool:
 
 def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     """Tell a seal that is not the one that was anchored, by the first anchor that has another."""
-    path, now = approval.seal_path(storage.protocol_path(root)), checks.seal_sha256(root)
+    path, kept = approval.seal_path(storage.protocol_path(root)), checks.seals(root)
     for place in evidence:
         for anchor in place.anchors:
-            if anchor.seal_sha256 not in (None, now):
+            if anchor.seal_sha256 not in (None, *kept):
                 day = anchor.anchored_utc[:10]
-                unlike = "is another than" if now else "is missing, and was there"
+                unlike = "is another than" if kept else "is missing, and was there"
                 text = f"{unlike} by the anchor of {day} in {place.place}; restore it from a backup"
                 yield Finding(text, path.relative_to(root).as_posix())
                 return

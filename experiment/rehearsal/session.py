@@ -94,7 +94,7 @@ def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: C
     sitting = Sitting(protocol, rig, rig_file, job.participant, task_id, job.dataset, recordings, clock)
     purpose: Purpose = "REHEARSAL" if desk is None else "PRACTICE"
     with open_laboratory(sitting, SimulatedEnds(job, sitting, tick, screen, desk)) as devices:
-        asked = header(sitting, position=position, seed=job.seed, purpose=purpose, roster_sha256=None)
+        asked = header(sitting, position=position, seed=job.seed, purpose=purpose)
         if desk is None:
             asked = asked.model_copy(update={"session_id": asked.rehearsed_id(job.control)})
         else:

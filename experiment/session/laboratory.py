@@ -19,6 +19,7 @@ from palpate.experiment.session import exposure, masker, scene
 from palpate.experiment.session.attempt import Devices
 from palpate.experiment.session.kind import FarEnds, Sitting, session_kind
 from palpate.experiment.study import schedule
+from palpate.experiment.study.admission import Admission
 
 
 @contextmanager
@@ -67,10 +68,12 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
         )
 
 
-def header(sitting: Sitting, *, position: int, seed: int, purpose: Purpose, roster_sha256: str | None) -> Header:
+def header(
+    sitting: Sitting, *, position: int, seed: int, purpose: Purpose, admission: Admission | None = None
+) -> Header:
     """Return the header of a new session, with its trials in order and a unique `session_id`.
 
-    `position` is the task's among the participant's, from 1.
+    `position` is the task's among the participant's, from 1. `admission` is None in a rehearsal.
     """
     protocol, rig = sitting.protocol, sitting.rig
     participant, task_id = sitting.participant, sitting.task_id
@@ -89,7 +92,9 @@ def header(sitting: Sitting, *, position: int, seed: int, purpose: Purpose, rost
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),
         recordings_sha256=recordings_sha256,
-        roster_sha256=roster_sha256,
+        roster_sha256=None if admission is None else admission.roster.lines.end.last,
+        seal_sha256=None if admission is None else admission.approved.seal_sha256,
+        consent_sha256=None if admission is None else admission.consent_sha256,
         seed=seed,
         participant=participant,
         task=task_id,

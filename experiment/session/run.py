@@ -32,7 +32,8 @@ from palpate.experiment.session import exposure, remarks, runner, scene, visit
 from palpate.experiment.session.kind import FarEnds, Sitting, session_kind
 from palpate.experiment.session.laboratory import header, open_laboratory
 from palpate.experiment.settings.characters import quoted
-from palpate.experiment.study import enrolment, people, roster
+from palpate.experiment.study import approvals, enrolment, people, roster
+from palpate.experiment.study.admission import Admission, admit, approval_for
 from palpate.experiment.study.schedule import Allocation, allocated, find_allocation
 
 
@@ -90,7 +91,7 @@ def run(
     for one in protocol.tasks:
         session_kind(one).check_rig(protocol, rig, today)
     if not _lacks_consent(root, protocol, participant):
-        _admitted(root, protocol_file, protocol, participant, clock)
+        _check_roster(root, protocol_file, protocol, participant, today)
     seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
     purpose = enrolment.purpose_of(root)
     if purpose == "PILOT":
@@ -100,19 +101,20 @@ def run(
     checks.load_sound(root)
     if anchored_in:
         register.check_state(root, anchored_in[0], (protocol.study.id, purpose))
-    left = tuple(task for task in allocation.tasks if not _is_complete(root, participant, task))
+    left = tuple(task for task in allocation.tasks if not _is_over(root, protocol_file, allocation, task, today))
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
-    _check_turn(root, allocation, tasks[0])
+    _check_turn(root, protocol_file, allocation, tasks[0], today)
+    if not _lacks_consent(root, protocol, participant):
+        admit(root, protocol_file, protocol, allocation, tasks[0], str(rig_file), today)
     synthesised = [task for task in tasks if scene.plan(protocol=protocol, task_id=task).synthesis]
     for kind in {session_kind(protocol.task(task)): None for task in synthesised}:
         recordings = kind.real_recordings(root, recordings, protocol)
     _judge_rig(protocol, rig, rig_file, recordings, tasks, console)
     visit.ask_first(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.ask_first(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
-    enrolled = _admitted(root, protocol_file, protocol, participant, clock)
+    enrolled = admit(root, protocol_file, protocol, allocation, tasks[0], str(rig_file), today).roster
     # The seal of the first session stays in the dataset, and shows under which approval it was begun.
-    if not (kept := approval.seal_path(storage.protocol_path(root))).exists():
-        storage.write_bytes(kept, approval.seal_path(protocol_file).read_bytes())
+    approvals.keep_first(root, protocol_file)
     begun = _Visit(
         protocol_file=protocol_file,
         protocol=protocol,
@@ -161,7 +163,7 @@ class _Visit:
         if self._identity is not None:
             console.tell(At(task_id, steps))
         _wait_for_break(root, protocol, self.allocation, task_id, clock, console)
-        self._admitted()
+        self._admitted(task_id)
         planned = scene.plan(protocol=protocol, task_id=task_id)
         noise = ""
         if rig.audio is None and planned.masker is not None:
@@ -190,14 +192,14 @@ class _Visit:
                 _check_others(root, participant, error)
                 raise
             if not complete:
-                self._admitted()
+                self._admitted(task_id)
                 journal.check_free(theirs, participant)
                 self._identify()
             console.tell(At(task_id, steps))
             # Nobody who withdrew in the meantime is begun with.
-            enrolled = self._admitted()
-            place, roster_sha256 = tasks.index(task_id) + 1, enrolled.lines.end.last
-            asked = header(sitting, position=place, seed=self.seed, purpose=self.purpose, roster_sha256=roster_sha256)
+            admission = self._admitted(task_id)
+            place = tasks.index(task_id) + 1
+            asked = header(sitting, position=place, seed=self.seed, purpose=self.purpose, admission=admission)
             try:
                 footer = runner.run(
                     protocol=protocol,
@@ -209,7 +211,7 @@ class _Visit:
                     noise=noise,
                     panel=panel,
                     last=task_id == tasks[-1],
-                    keeps_voices=protocol.consent.voice_recordings and enrolled.voices.get(participant, False),
+                    keeps_voices=protocol.consent.voice_recordings and admission.roster.voices.get(participant, False),
                 )
             except (PalpateError, KeyboardInterrupt) as ended:
                 # No device is kept, and no priority, while files are written.
@@ -256,8 +258,9 @@ class _Visit:
             )
         self._identity = Visited(step="identity", text=f"participant {who}, as the experimenter confirmed")
 
-    def _admitted(self) -> roster.Roster:
-        return _admitted(self.root, self.protocol_file, self.protocol, self.allocation.participant, self.clock)
+    def _admitted(self, task_id: str) -> Admission:
+        today = day(self.clock.now_ns())
+        return admit(self.root, self.protocol_file, self.protocol, self.allocation, task_id, str(self.rig_file), today)
 
 
 def _lacks_consent(root: Path, protocol: Protocol, participant: str) -> bool:
@@ -287,13 +290,11 @@ def _ask_voices(root: Path, protocol_file: Path, protocol: Protocol, participant
     enrolment.voices(protocol_file, participant, agreed, root=root)
 
 
-def _admitted(root: Path, protocol_file: Path, protocol: Protocol, participant: str, clock: Clock) -> roster.Roster:
-    """Return the roster as it is now, if the participant may be run. Raises `RosterError` that says why not."""
-    today = day(clock.now_ns())
+def _check_roster(root: Path, protocol_file: Path, protocol: Protocol, participant: str, today: date) -> None:
+    """Refuse somebody whom the roster does not allow, before anything else is read of them. Raises `RosterError`."""
     enrolled = roster.Roster.load(storage.roster_path(root))
     approved_on = enrolment.approved_on(root, protocol_file) or today
     enrolled.may_run(participant, protocol, approved_on=approved_on, today=today)
-    return enrolled
 
 
 def _anchored_in(rig: Rig, rig_file: Path) -> tuple[Path, Path | None] | None:
@@ -346,7 +347,15 @@ def _is_complete(root: Path, participant: str, task_id: str) -> bool:
     return bool(entries) and progress(entries).complete
 
 
-def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
+def _is_over(root: Path, protocol_file: Path, allocation: Allocation, task_id: str, today: date) -> bool:
+    """Return whether a task is complete, or its session was ended by an amendment."""
+    known = roster.Roster.load(storage.roster_path(root))
+    approved = known.approvals(approvals.read_first(root, protocol_file))
+    ended = approval_for(root, allocation, task_id, approved, known.known_day(today)) is None
+    return ended or _is_complete(root, allocation.participant, task_id)
+
+
+def _check_turn(root: Path, protocol_file: Path, allocation: Allocation, task_id: str, today: date) -> None:
     """Refuse a task that is not the participant's, or whose turn has not come."""
     who, tasks = allocation.participant, allocation.tasks
     if task_id not in tasks:
@@ -354,7 +363,7 @@ def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
             f"participant {who} does not do task '{task_id}'", remedy="name one of these", allowed=", ".join(tasks)
         )
     for earlier in tasks[: tasks.index(task_id)]:
-        if not _is_complete(root, who, earlier):
+        if not _is_over(root, protocol_file, allocation, earlier, today):
             raise RosterError(
                 f"participant {who} does task '{earlier}' before '{task_id}'", remedy="run that one first"
             )

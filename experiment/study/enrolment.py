@@ -22,7 +22,8 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose, Record
 from palpate.experiment.records.progress import progress
-from palpate.experiment.study import people
+from palpate.experiment.study import approvals, people
+from palpate.experiment.study.approvals import Approved
 from palpate.experiment.study.roster import Roster, check_consent
 from palpate.experiment.study.schedule import allocated, labels, stranger
 
@@ -78,6 +79,8 @@ def enrol(
         raise DatasetError(root, "has participants and no roster", f"restore {path} and its head from a backup")
     known.check_next(participant)
     settle(root, protocol_file, protocol, seed, purpose)
+    _check_current(root, protocol, known, ("palpate", "enrol", "--participant", participant))
+    approvals.keep_first(root, protocol_file)
     settled = _read_settled(root)
     known.enrol(participant, consent_on, takes, settled.salt and settled.sha256)
     return path
@@ -142,10 +145,35 @@ def _read_settled(root: Path) -> Settled:
 
 def approved_on(root: Path, protocol_file: Path) -> date | None:
     """Return the first day of valid consent, from the seal, None without. Raises `ProtocolError` if it is broken."""
-    for one in (storage.protocol_path(root), protocol_file):
+    later = (storage.protocol_path(root, 2),) if storage.protocol_path(root, 2).exists() else ()
+    for one in (storage.protocol_path(root), *later, protocol_file):
         if approval.seal_path(one).exists():
             return approval.read(one).approved_on
     return None
+
+
+def check_version(root: Path, protocol: Protocol, wanted: Approved, command: tuple[str, ...]) -> None:
+    """Raise `DatasetError` unless `protocol` is the `wanted` approval's version; `command` lacks its file."""
+    if approval.sha256(protocol) != wanted.protocol_sha256:
+        right = str(storage.protocol_path(root, wanted.number))
+        program, name, *given = command
+        raise DatasetError(
+            root,
+            f"got protocol version {approval.sha256(protocol)[:12]}, which approval {wanted.number} does not cover",
+            Remedy("use the version that it covers: {}", (program, name, right, *given, "--dataset", str(root))),
+            allowed=f"version {wanted.protocol_sha256[:12]}",
+        )
+
+
+def _check_current(root: Path, protocol: Protocol, known: Roster, command: tuple[str, ...]) -> None:
+    """Refuse to enrol under a superseded version, or while the approval is suspended or ended."""
+    if not known.approved and not known.stopped:
+        return
+    today = known.known_day(day(wall_ns()))
+    all_approvals = known.approvals(approvals.read_first(root))
+    if (stop := all_approvals.stop(today)) is not None and stop.kind == "ended":
+        raise approvals.stopped_error(stop)
+    check_version(root, protocol, all_approvals.known(today)[-1], command)
 
 
 def consent(
@@ -236,8 +264,14 @@ def settle(
             storage.write_json(storage.seed_path(root), settled_as | {"salt": secrets.token_hex(16)})
             storage.owners_alone(storage.seed_path(root))
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
-        elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
-            remedy = f"run {kept}, or give the new version an id of its own, or another folder with --dataset"
+        elif not _is_version(root, protocol):
+            own = storage.protocol_path(root, len(Roster.load(storage.roster_path(root)).approved) + 1)
+            words = (
+                "if the board approved this version for the study under way, seal it, then run {}; if not, use the "
+                f"study's version ({own}), or give this one an id of its own"
+            )
+            amend = ("palpate", "amend", str(protocol_file), "--dataset", str(root))
+            remedy = Remedy(words, amend, suffices=False)
             raise DatasetError(root, "the study was begun with another version of the protocol", remedy)
     settled = seed_of(root)
     if purpose not in (None, begun_as := purpose_of(root)):
@@ -246,6 +280,13 @@ def settle(
     if seed not in (None, settled):
         raise DatasetError(root, f"the study has another seed than {seed}", "leave out --seed")
     return settled
+
+
+def _is_version(root: Path, protocol: Protocol) -> bool:
+    """Return whether a protocol is that of one of the dataset's approvals."""
+    kept = storage.protocol_path(root)
+    known = [one.protocol_sha256 for one in Roster.load(storage.roster_path(root)).approved]
+    return approval.sha256(protocol) in known or approval.sha256(protocol) == approval.sha256(files.load(kept))
 
 
 def _of_something_else(path: Path) -> bool:

@@ -20,7 +20,8 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Header
 from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import header
-from palpate.experiment.study import enrolment, roster
+from palpate.experiment.study import approvals, enrolment, roster
+from palpate.experiment.study.admission import Admission
 from palpate.experiment.study.schedule import Allocation, allocated, find_allocation
 from tests.experiment.session.bench import Bench
 from tests.experiment.session.scripted import (
@@ -71,7 +72,7 @@ class MadeStudy:
             position=find_allocation(self.tasks, participant).tasks.index(task) + 1,
             seed=enrolment.seed_of(self.root),
             purpose=enrolment.purpose_of(self.root),
-            roster_sha256=known.lines.end.last,
+            admission=Admission(known, approvals.read_first(self.root), None),
         )
 
     def run(self, asked: Header, keys: str = "capt") -> None:

@@ -162,7 +162,10 @@ def test_what_speaks_against_the_evidence_is_told_and_the_exit_code_is_1(study: 
     ("today", "said"),
     [
         (date(2098, 12, 1), None),
-        (date(2098, 12, 2), "The approval ends on 2099-01-01; have it renewed and seal the protocol again."),
+        (
+            date(2098, 12, 2),
+            "The approval ends on 2099-01-01; have it renewed, seal the protocol again, then run palpate amend.",
+        ),
         (date(2099, 1, 2), "palpate seal PROTOCOL"),
     ],
 )

@@ -233,7 +233,6 @@ def _practice(folder: Path) -> Clean:
         position=1,
         seed=plan.seed,
         purpose="PRACTICE",
-        roster_sha256=None,
     )
     run_pairs(made, asked, "12" * 15)
     build.build(made.root)

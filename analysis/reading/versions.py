@@ -1,0 +1,62 @@
+"""The versions of an amended protocol, read from a dataset; the rules of each are applied to its own sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from palpate.analysis.reading.study import ALL_TASKS, Exclusion, Unasked, Version, exclude
+from palpate.experiment.errors import DatasetError
+
+if TYPE_CHECKING:
+    from palpate.experiment.protocol.models import Protocol
+
+
+def read_versions(root: Path, facts: Mapping[str, Any]) -> tuple[Version, ...]:
+    """Return the versions of an amended protocol, oldest first; none where it was not amended."""
+    if not (stated := facts.get("Versions")):
+        return ()
+    from palpate.experiment.protocol import files
+
+    try:
+        listed = [(str(one["Protocol"]), [str(name) for name in one["Sessions"]]) for one in stated]
+        sessions = [frozenset(tuple(one.removeprefix("sub-").split("_task-")) for one in own) for _, own in listed]
+    except (KeyError, TypeError) as error:
+        path = root / "dataset_description.json"
+        raise DatasetError(path, "Versions lacks Protocol or Sessions", "make the dataset again") from error
+    return tuple(
+        Version(file, files.load(root / "sourcedata" / Path(file).name), own)  # type: ignore[arg-type]
+        for (file, _), own in zip(listed, sessions, strict=True)
+    )
+
+
+def apply_rules(
+    attempts: pd.DataFrame, withdrawn: Mapping[str, bool], protocol: Protocol | None, versions: Sequence[Version]
+) -> tuple[pd.DataFrame, tuple[Exclusion, ...], tuple[Unasked, ...]]:
+    """Return the attempts with what is included by the rules of each session's own version, and what is not."""
+    if not versions:
+        return attempts, *_by_rules(attempts, withdrawn, protocol)
+    of = list(zip(attempts["participant"], attempts["task"], strict=True))
+    present, parts = set(attempts["participant"]), []
+    for version in versions:
+        own = attempts[[session in version.sessions for session in of]].copy()
+        latest = version is versions[-1]
+        there = {who: gone for who, gone in withdrawn.items() if who in set(own["participant"])}
+        there |= {who: gone for who, gone in withdrawn.items() if latest and who not in present}
+        parts.append((own, *_by_rules(own, there, version.protocol)))
+    pooled = pd.concat([own for own, _, _ in parts]).sort_index()
+    exclusions = tuple(dict.fromkeys(one for _, found, _ in parts for one in found))
+    whole = {one.participant for one in exclusions if one.task == ALL_TASKS}
+    pooled.loc[pooled["participant"].isin(whole), "included"] = False
+    return pooled, exclusions, tuple(one for *_, found in parts for one in found)
+
+
+def _by_rules(
+    attempts: pd.DataFrame, withdrawn: Mapping[str, bool], protocol: Protocol | None
+) -> tuple[tuple[Exclusion, ...], tuple[Unasked, ...]]:
+    rules = protocol.exclusion if protocol else ()
+    with_objects = [task.id for task in protocol.tasks if task.stimulus == "real"] if protocol else []
+    return exclude(attempts, withdrawn, rules, with_objects=with_objects)

@@ -1,0 +1,113 @@
+"""`palpate amend`: what it shows, records and refuses; what `palpate run` then says to whom. All SIMULATED."""
+
+from __future__ import annotations
+
+import re
+from datetime import date
+from pathlib import Path
+
+import pytest
+from syrupy.assertion import SnapshotAssertion
+
+import palpate as library
+from palpate.experiment import storage
+from palpate.experiment.dataset import status, verify
+from palpate.experiment.errors import PalpateError
+from palpate.experiment.protocol import files
+from palpate.experiment.study import amendment
+from palpate.experiment.study.admission import admit
+from tests.approved import anywhere
+from tests.conftest import Palpate
+from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.faults.wrong import copied
+
+SEAL = ("--approval-number", "18", "--approved-on", "2020-01-01", "--expires-on", "2098-01-01", "--replace", "--yes")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
+    """01 and 02 did their first tasks, 03 none."""
+    return make_study(tmp_path_factory.mktemp("made") / "study", enrolled=3)
+
+
+@pytest.fixture
+def study(made: MadeStudy, tmp_path: Path) -> MadeStudy:
+    return copied(made, tmp_path / "study")
+
+
+def told(text: str, study: MadeStudy) -> str:
+    """What was said, on any day, anywhere."""
+    on_a_day = anywhere(text, study.root.parent).replace(str(date.today()), "TODAY")
+    return re.sub(r"([0-9a-f]{4}-){3}[0-9a-f]{4}", "NUMBER", on_a_day)
+
+
+def changed(study: MadeStudy, palpate: Palpate) -> tuple[object, ...]:
+    """Seal another version, and return the command that amends."""
+    text = study.file.read_text("utf-8")
+    text = text.replace("vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0").replace(
+        "Taking part", "Participation"
+    )
+    study.file.write_text(text, "utf-8")
+    assert palpate("seal", study.file, *SEAL)[0] == 0
+    return "amend", study.file, "--dataset", study.root
+
+
+def test_a_study_is_amended_after_it_was_shown_what_differs(
+    study: MadeStudy, palpate: Palpate, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
+    amend = changed(study, palpate)
+    code, _, err = palpate(*amend)
+    assert code == 2
+    page = tmp_path / "changes.html"
+    said = palpate(*amend, "--halfway", "session", "--consent-anew", "everybody", "--yes", "--html", page)
+    assert said[0] == 0
+    assert [told(err, study), told(said[1], study)] == approved
+    assert page.read_text("utf-8").count("<tr>") == 3
+    assert verify.verify(study.root).refused == 0
+    on = date.today()
+    assert [one.clause() for one in status.status(study.root, on).reminders if "amendment" in one.clause()][2:] != []
+    (part,) = library.read(study.root).parts
+    assert [(one.file, len(one.sessions)) for one in part.versions] == [("protocol.toml", 2), ("protocol-2.toml", 0)]
+    assert part.protocol == part.versions[-1].protocol
+
+
+def test_each_participant_is_refused_what_does_not_cover_them(
+    study: MadeStudy, palpate: Palpate, approved: SnapshotAssertion
+) -> None:
+    amend = changed(study, palpate)
+    assert palpate(*amend, "--halfway", "old", "--consent-anew", "everybody", "--yes")[0] == 0
+    old = storage.protocol_path(study.root)
+    own = study.tasks
+
+    def refusal(file: Path, place: int) -> str:
+        allocation = own[place]
+        task = allocation.tasks[1 if place < 2 else 0]
+        try:
+            admit(study.root, file, files.load(file), allocation, task, "rig.toml", date.today())
+        except PalpateError as error:
+            return told(error.sentence(), study)
+        return "may be run"
+
+    found = [refusal(old, 0), refusal(study.file, 0), refusal(old, 2), refusal(study.file, 2)]
+    assert palpate("consent", study.file, "-p", "03", "--consent-on", date.today(), "--dataset", study.root)[0] == 0
+    found.append(refusal(study.file, 2))
+    assert palpate("seal", study.file, *SEAL)[0] == 0
+    again = ("--suspended-on", date.today(), "--reason", "letter of the board")
+    study.file.with_suffix(".seal.toml").write_text(
+        study.file.with_suffix(".seal.toml").read_text("utf-8").replace('"18"', '"19"'), "utf-8"
+    )
+    found.append(refusal(study.file, 2))
+    assert palpate("amend", study.file, "--dataset", study.root, *again)[0] == 0
+    found += [refusal(study.file, 2), told(status.status(study.root, date.today()).seal, study)]
+    assert found == approved
+
+
+def test_what_says_nothing_is_refused(study: MadeStudy, palpate: Palpate) -> None:
+    amend = ("amend", study.file, "--dataset", study.root)
+    roster = storage.roster_path(study.root).read_bytes()
+    assert palpate(*amend)[0] == 2
+    assert palpate(*amend, "--reason", "letter")[0] == 2
+    assert palpate(*amend, "--suspended-on", "2026-01-01")[0] == 2
+    assert palpate(*amend, "--suspended-on", "2026-01-01", "--ended-on", "2026-01-01", "--reason", "letter")[0] == 2
+    assert storage.roster_path(study.root).read_bytes() == roster
+    assert not amendment.known_approvals(study.file, study.root)[1].stopped

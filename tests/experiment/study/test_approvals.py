@@ -1,0 +1,170 @@
+"""Which approval covers a session: the rules beside a naive model of them, and what no amendment may change."""
+
+from __future__ import annotations
+
+import random
+from datetime import date, timedelta
+from pathlib import Path
+
+import pytest
+
+from palpate.experiment import storage
+from palpate.experiment.dataset import build, checks
+from palpate.experiment.errors import DatasetError, RosterError
+from palpate.experiment.protocol.approval import sealing
+from palpate.experiment.records import journal
+from palpate.experiment.study import amendment, approvals
+from palpate.experiment.study.approvals import Approvals, Approved, Stopped
+from palpate.experiment.study.roster import Roster
+from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.experiment.study.histories import BEGIN, Model, run_history
+from tests.faults.wrong import copied
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
+    """01 and 02 did their first tasks."""
+    return make_study(tmp_path_factory.mktemp("made") / "study")
+
+
+@pytest.fixture
+def study(made: MadeStudy, tmp_path: Path) -> MadeStudy:
+    return copied(made, tmp_path / "study")
+
+
+def change(study: MadeStudy, old: str, new: str) -> None:
+    """Change the protocol, and seal it as approved on the first day of 2020."""
+    text = study.file.read_text("utf-8")
+    assert old in text
+    study.file.write_text(text.replace(old, new), "utf-8")
+    seal_again(study)
+
+
+def seal_again(study: MadeStudy) -> None:
+    protocol = study.protocol
+    days = {"approved_on": date(2020, 1, 1), "expires_on": date(2098, 1, 1)}
+    sealing.write(study.file, protocol, approval_number="18", board=protocol.ethics.board, replace=True, **days)
+
+
+def drawn(draw: random.Random) -> tuple[Approvals, Model]:
+    """A chain of renewals and amendments, as both sides have it."""
+    days, version = [BEGIN], 0
+    model, chain = Model(), list[Approved]()
+    for number in range(1, draw.randint(2, 7)):
+        version += number > 1 and draw.random() < 0.6
+        days.append(days[-1] + timedelta(days=draw.choice((0, 5))))
+        halfway = draw.choice(("old", "session", "new"))
+        model.approvals.append((version, f"{number:064d}", days[-1], date.max, halfway, False))
+        chain.append(
+            Approved(
+                number=number,
+                protocol_sha256=f"{version:064d}",
+                seal_sha256=f"{number:064d}",
+                approved_on=days[-1],
+                expires_on=date.max,
+                from_on=days[-1],
+                halfway=halfway,
+                consent_anew=False,
+            )
+        )
+    return Approvals(tuple(chain)), model
+
+
+def test_the_approval_of_a_session_is_that_of_a_naive_model() -> None:
+    draw, compared = random.Random(1), 0
+    for _ in range(300):
+        known, model = drawn(draw)
+        for _ in range(5):
+            day = BEGIN + timedelta(days=draw.randint(0, 30))
+            now = model.at(day)
+            visit = draw.choice((None, draw.randint(0, now)))
+            session = draw.choice((None, visit))
+            model.sessions = {} if visit is None else {("01", "other"): (visit, True)}
+            model.sessions |= {} if session is None else {("01", "task"): (session, False)}
+            wanted = model.moved("01", "task", day)
+            numbers = {
+                "visit": None if visit is None else visit + 1,
+                "session": None if session is None else session + 1,
+            }
+            found = known.covering(day, **numbers)
+            assert (None if found is None else found.number - 1) == wanted
+            compared += 1
+    assert compared == 1500
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_a_history_stands_under_the_approvals_of_a_naive_model(seed: int, tmp_path: Path) -> None:
+    assert run_history(tmp_path, seed, 15).total() > 0
+
+
+def test_an_amendment_keeps_both_versions_and_their_sessions(study: MadeStudy) -> None:
+    change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
+    planned = amendment.plan_approval(study.file, root=study.root, halfway="session", consent_anew=True)
+    assert (planned.number, planned.halfway, planned.consent_anew) == (2, "session", True)
+    kept = amendment.record(study.file, planned, root=study.root)
+    assert kept == storage.protocol_path(study.root, 2)
+    build.build(study.root)
+    dataset = checks.load_sound(study.root)
+    assert [version.exposure.vibration_peak_m_s2 for version in dataset.versions.values()] == [30.0, 25.0]
+    _, roster, known = amendment.known_approvals(study.file, study.root)
+    assert amendment.to_consent_anew(study.root, known, roster, planned.from_on) == ("01", "02")
+    with pytest.raises(RosterError, match="approval 2"):
+        amendment.plan_approval(study.file, root=study.root)
+
+
+def test_a_header_names_the_seal_and_one_that_is_gone_is_refused(study: MadeStudy) -> None:
+    header = journal.read(study.journal()).header
+    assert header.seal_sha256 == approvals.seal_sha256(storage.protocol_path(study.root))
+    change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
+    planned = amendment.plan_approval(study.file, root=study.root, halfway="old", consent_anew=False)
+    amendment.record(study.file, planned, root=study.root)
+    storage.protocol_path(study.root, 2).unlink()
+    with pytest.raises(DatasetError, match=r"protocol-2\.toml"):
+        checks.load(study.root)
+
+
+def test_a_renewal_has_no_choices_and_a_seal_is_recorded_once(study: MadeStudy) -> None:
+    seal_again(study)
+    with pytest.raises(RosterError, match="--halfway"):
+        amendment.plan_approval(study.file, root=study.root, halfway="old")
+    planned = amendment.plan_approval(study.file, root=study.root)
+    amendment.record(study.file, planned, root=study.root)
+    assert len(checks.load_sound(study.root).versions) == 1
+    with pytest.raises(RosterError, match="approval 2"):
+        amendment.plan_approval(study.file, root=study.root)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        ('id = "okamoto2012"', 'id = "another"', "study.id"),
+        ('id = "typing paper"', 'id = "card"', "ids of materials"),
+    ],
+    ids=["study", "material"],
+)
+def test_another_study_is_no_amendment(study: MadeStudy, old: str, new: str, field: str) -> None:
+    text = study.file.read_text("utf-8").replace('"typing paper"]', '"card"]' if "card" in new else '"typing paper"]')
+    study.file.write_text(text, "utf-8")
+    change(study, old, new)
+    with pytest.raises(DatasetError, match=field):
+        amendment.plan_approval(study.file, root=study.root, halfway="old", consent_anew=False)
+
+
+def test_nobody_changes_the_order_of_tasks_of_somebody_enrolled(study: MadeStudy) -> None:
+    change(study, 'kind = "counterbalanced"', 'kind = "fixed"')
+    with pytest.raises(DatasetError, match="participant 02"):
+        amendment.plan_approval(study.file, root=study.root, halfway="old", consent_anew=False)
+
+
+def test_a_study_is_suspended_lifted_and_ended_in_this_order(study: MadeStudy) -> None:
+    roster = Roster.load(storage.roster_path(study.root))
+    with pytest.raises(RosterError, match="not suspended"):
+        roster.stop(Stopped(kind="lifted", from_on=BEGIN, reason="letter"))
+    for kind, day in (("suspended", 1), ("lifted", 3), ("ended", 9)):
+        on = BEGIN + timedelta(days=day)
+        amendment.stop(study.file, kind, on, "letter of the board", root=study.root)  # type: ignore[arg-type]
+    _, _, known = amendment.known_approvals(study.file, study.root)
+    stopped = [day for day in range(12) if known.stop(BEGIN + timedelta(days=day))]
+    assert stopped == [1, 2, 9, 10, 11]
+    with pytest.raises(RosterError, match="ended"):
+        amendment.stop(study.file, "suspended", BEGIN + timedelta(days=20), "letter", root=study.root)
