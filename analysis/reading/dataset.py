@@ -307,7 +307,7 @@ def _participants(path: Path) -> tuple[dict[str, bool], dict[str, str]]:
 
 
 def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) -> None:
-    for path in sorted(root.glob("sub-*/beh/*_events.tsv")):
+    for path in sorted(root.glob("sub-*/beh/[!.]*_events.tsv")):
         label = path.parent.parent.name.removeprefix("sub-")
         if label not in participants:
             raise DatasetError(

@@ -5,7 +5,6 @@ seal, seed and roster (or the plan), and every file against the log's anchors. A
 wants: `load_sound` stops at the first refusal, `palpate status` shows all, `palpate verify` every check there is.
 """
 
-import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date, datetime, timedelta
@@ -197,7 +196,7 @@ def seals(root: Path) -> tuple[str, ...]:
     found, number = [], 1
     while number == 1 or storage.protocol_path(root, number).exists():
         path = approval.seal_path(storage.protocol_path(root, number))
-        found += [hashlib.sha256(storage.read_bytes(path)).hexdigest()] if path.exists() else []
+        found += [approvals.seal_sha256(storage.protocol_path(root, number))] if path.exists() else []
         number += 1
     return tuple(found)
 
@@ -342,8 +341,9 @@ def _strays(dataset: Dataset) -> Iterator[Finding]:
     paths = journals(root)
     known = {*paths, *(chain.head_path(path) for path in paths), roster, chain.head_path(roster)}
     source = root / "sourcedata"
-    found = {path for path in source.rglob("*") if path.suffix in (".jsonl", ".head") or "_journal" in path.name}
-    for path in sorted({*found, *root.rglob("*_journal.jsonl")} - known):
+    # What macOS leaves beside each file is no journal.
+    found = {path for path in source.rglob("[!.]*") if path.suffix in (".jsonl", ".head") or "_journal" in path.name}
+    for path in sorted({*found, *root.rglob("[!.]*_journal.jsonl")} - known):
         what = "looks like a journal, and no session of this dataset writes one there"
         allowed = "sourcedata/sub-P/sub-P_task-T_journal.jsonl"
         yield Finding(what, path, allowed=allowed, remedy="take it out of the dataset")

@@ -15,7 +15,7 @@ from typing import Literal
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.dataset import build, checks, register, tables
+from palpate.experiment.dataset import accidents, build, checks, register, tables
 from palpate.experiment.dataset.checks import Dataset, Sessions
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, anchors_of_file
 from palpate.experiment.dataset.signatures import Signer, soundly_signed
@@ -121,6 +121,7 @@ def verify(
     findings += [*_erased(root, people), *told, *unlike]
     there = {name for name, lines in files.items() if lines}.union(str(one.where) for one in unlike)
     findings += _without_session(people, there)
+    findings = accidents.with_accidents(root, findings)
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(findings, files, evidence)))
 
@@ -486,7 +487,9 @@ def _verdict(
 ) -> Iterator[str]:
     if refused := [finding for finding in findings if finding.refuses]:
         speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
-        by_command = all(isinstance(one.remedy, Remedy) and one.remedy.suffices for one in refused)
+        by_command = all(
+            one.check == accidents.CHECK or (isinstance(one.remedy, Remedy) and one.remedy.suffices) for one in refused
+        )
         mend = "Do what the findings say" if by_command else "Keep the folder as it is, and compare it with a backup"
         yield f"REFUSED: {speak} against this dataset. {mend}."
         return

@@ -143,8 +143,9 @@ def has_begun(root: Path) -> bool:
 
 
 def seal_sha256(protocol_file: Path) -> str:
-    """Return the hash of the file of a protocol's seal. Raises `OSError` without one."""
-    return hashlib.sha256(storage.read_bytes(approval.seal_path(protocol_file))).hexdigest()
+    """Return the hash of the file of a protocol's seal, whatever its line ends. Raises `OSError` without one."""
+    data = storage.read_bytes(approval.seal_path(protocol_file)).replace(b"\r\n", b"\n")
+    return hashlib.sha256(data).hexdigest()
 
 
 def stopped_error(stop: Stopped) -> RosterError:

@@ -35,7 +35,7 @@ def readers_warning(dataset: Path) -> str:
 
 
 _KNOWN = re.compile(
-    r"""(README|dataset_description\.json|participants\.(tsv|json)|(stimuli|derivatives)/.*
+    r"""(README|\.gitattributes|dataset_description\.json|participants\.(tsv|json)|(stimuli|derivatives)/.*
     |sub-(?P<of>\w+)/beh/sub-(?P=of)_task-\w+_(events|recording-\w+_physio)\.(tsv|tsv\.gz|json)
     |sourcedata/(protocol(-\d+)?(\.seal)?\.toml|(seed|rehearsal)\.json|roster\.(jsonl|head)|anchors\.log|README|\w+\.csv
         |\.roster\.jsonl\.lock|\.study\.lock
