@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ class DatasetText:
 
     `study` is an id, `tasks` are in the order of the tables, `origin` produced the rows, and `readme` follows title and
     label. `ordered`: whether trial numbers are the order of the trials; None says nothing. `versions` are those
-    of an amended protocol, oldest first, each with its file and its sessions.
+    of an amended protocol, oldest first, each with its file and its sessions. `approvals` are a board's, in words.
     """
 
     study: str
@@ -58,6 +58,7 @@ class DatasetText:
     references: tuple[str, ...] = ()
     ordered: bool | None = None
     versions: tuple[Mapping[str, object], ...] = ()
+    approvals: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -113,8 +114,16 @@ def table(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> bytes
     return ("\n".join(lines) + "\n").encode()
 
 
+OURS = ("Name", "BIDSVersion", "DatasetType", "GeneratedBy", "Palpate")
+"""The keys of `dataset_description.json` that palpate writes; all others are the laboratory's once they are there."""
+
+
 def description(root: Path, text: DatasetText) -> Files:
-    """Return `dataset_description.json` and `README`; the label of what is no data of a study leads both."""
+    """Return `dataset_description.json` and `README`; the label of what is no data of a study leads both.
+
+    What a laboratory wrote there stays: every key but `OURS`, and a README that begins with the heading. Raises
+    `DatasetError` for `Authors` or others that are no texts, as BIDS wants them.
+    """
     label = LABELS[text.origin]
     name = _labelled(text.name, text.origin)
     facts = {
@@ -144,10 +153,45 @@ def description(root: Path, text: DatasetText) -> Files:
     }
     if text.references:
         content["ReferencesAndLinks"] = list(text.references)
+    kept = _laboratorys(root / "dataset_description.json")
+    if text.approvals:
+        kept["EthicsApprovals"] = list(dict.fromkeys((*kept.get("EthicsApprovals", ()), *text.approvals)))
+    readme = root / "README"
+    made = f"{name}\n\n{text.readme.strip()}\n".encode()
+    own = readme.is_file() and storage.read_bytes(readme).startswith(name.encode())
     return {
-        root / "dataset_description.json": storage.json_bytes(content),
-        root / "README": f"{name}\n\n{text.readme.strip()}\n".encode(),
+        root / "dataset_description.json": storage.json_bytes(content | kept),
+        readme: storage.read_bytes(readme) if own else made,
     }
+
+
+def _laboratorys(path: Path) -> dict[str, Any]:
+    """Return the keys of a description that are the laboratory's; none of a file that is no JSON object."""
+    try:
+        found = storage.json_of(storage.read_bytes(path))
+    except (OSError, ValueError):
+        return {}
+    kept = {key: value for key, value in found.items() if key not in OURS} if isinstance(found, dict) else {}
+    for key in LISTS:
+        value = kept.get(key, [])
+        if not (isinstance(value, list) and all(isinstance(one, str) for one in value)):
+            raise DatasetError(path, f"got {value!r:.60}", "correct it", field=key, allowed="a list of texts")
+    for orcid in re.findall(r"\b\d{4}-\d{4}-\d{4}-\d{3}[\dX]\b", " ".join(map(str, kept.get("Authors", ())))):
+        if not _is_orcid(orcid):
+            raise DatasetError(path, f"got the ORCID {orcid}", "correct it", field="Authors", allowed="a valid one")
+    return kept
+
+
+LISTS = ("Authors", "Funding", "EthicsApprovals", "Keywords", "ReferencesAndLinks")
+"""Keys that hold lists of texts (BIDS 1.11, dataset_description.json)."""
+
+
+def _is_orcid(orcid: str) -> bool:
+    """Return whether the last character is the check digit of the others (ISO 7064, MOD 11-2)."""
+    digits, total = orcid.replace("-", ""), 0
+    for digit in digits[:-1]:
+        total = (total + int(digit)) * 2
+    return "0123456789X"[(12 - total % 11) % 11] == digits[-1]
 
 
 def participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin) -> Files:

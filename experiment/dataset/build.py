@@ -15,6 +15,7 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.checks import Dataset, Each, load_sound
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records import entries, journal, software
@@ -119,8 +120,17 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         readme=readme[origin],
         software=software.this(),
         versions=tuple(_versions(dataset)),
+        approvals=tuple(_approvals(dataset)),
     )
     return bids.participants(root, people, origin=origin) | bids.description(root, text)
+
+
+def _approvals(dataset: Dataset) -> Iterator[str]:
+    """Yield each approval of a study as its seal has it."""
+    for one in dataset.approvals.approved if dataset.approvals is not None else ():
+        if one.seal_sha256 is not None:
+            seal = approval.read(storage.protocol_path(dataset.root, one.number))
+            yield f"{' '.join(seal.board.split())}: {seal.approval_number}, {seal.approved_on} to {seal.expires_on}"
 
 
 def _versions(dataset: Dataset) -> Iterator[Mapping[str, object]]:

@@ -450,7 +450,7 @@ def _check_approval(header: Header, roster: Roster, known: Approvals, days: tupl
     """Refuse a session that began without the approval that its header names, by the lines of the roster until then."""
     one = known.approved[known.number_of(header.seal_sha256) - 1]
     if (one.seal_sha256, one.protocol_sha256) != (header.seal_sha256, header.protocol_sha256):
-        what = f"it names the seal {header.seal_sha256[:12]}, which no approval had that was on record then"
+        what = f"it names the seal {str(header.seal_sha256)[:12]}, which no approval had that was on record then"
         raise RosterError(what, remedy="if a seal was changed or replaced, restore it from a backup")
     days = tuple(map(roster.known_day, days))
     if all(known.stop(day) for day in days):

@@ -215,7 +215,9 @@ def _without_approval(held: Dataset, known: Approvals) -> Iterator[Finding]:
             text = f"began on {on}, and {days}: a renewal was not recorded, or the session had no approval"
             yield Finding(text, where, verdict="warns")
         stops = [known.stop(day) for day in (on - A_DAY, on, on + A_DAY)]
-        if (stop := stops[0]) is not None and all(stops):
+        later = known.stops[len(held.people.as_of(header.roster_sha256).stopped) :]
+        backdated = any(one.kind != "lifted" and one.from_on < on for one in later)
+        if (stop := stops[0]) is not None and all(stops) and backdated:
             text = f"began on {on}, and the study was {stop.kind} from {stop.from_on} on, as was recorded later"
             yield Finding(text, where, verdict="warns")
 

@@ -13,6 +13,7 @@ from syrupy.assertion import SnapshotAssertion
 import palpate
 from palpate.experiment import storage
 from palpate.experiment.dataset import accidents, build, checks, verify
+from palpate.experiment.study import privacy
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.faults.wrong import copied
 
@@ -97,7 +98,7 @@ def test_an_accident_has_its_name_and_no_other_finding_speaks_against_the_datase
 
 
 def test_lost_modes_are_said(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(accidents.privacy, "readers_warning", lambda _: "Others can read sourcedata.")
+    monkeypatch.setattr(privacy, "readers_warning", lambda _: "Others can read sourcedata.")
     (found,) = [one for one in verify.verify(root).findings if one.check == accidents.CHECK]
     assert (found.where, found.verdict) == ("sourcedata", "unknown")
 

@@ -34,6 +34,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import header
+from palpate.experiment.settings import load
 from palpate.experiment.settings.load import read
 from palpate.experiment.study import amendment, approvals, enrolment, withdrawal
 from palpate.experiment.study.admission import Admission, admit
@@ -135,7 +136,7 @@ class World:
         # The same few versions are read and hashed thousands of times.
         self.patch.setattr(files, "load", lambda path: _read_version(path.read_bytes()))
         self.patch.setattr(approval, "sha256", cache(approval.sha256))
-        self.patch.setattr(approval.load, "_document", _document_of(approval.load._document))
+        self.patch.setattr(load, "_document", _document_of(load._document))
         for module in (enrolment, amendment):
             self.patch.setattr(module, "wall_ns", self.now_ns)
         self.write_version()
@@ -362,7 +363,7 @@ def run_history(folder: Path, seed: int, steps: int) -> Counter[str]:
 
 if __name__ == "__main__":
     # No history ends in a power cut.
-    os.fsync = lambda *_: None  # type: ignore[assignment]
+    os.fsync = lambda *_: None
     total: Counter[str] = Counter()
     count = int(sys.argv[1])
     for seed in range(count):

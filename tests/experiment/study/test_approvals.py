@@ -14,11 +14,13 @@ from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import journal
 from palpate.experiment.study import amendment, approvals
-from palpate.experiment.study.approvals import Approvals, Approved, Stopped
+from palpate.experiment.study.approvals import Approvals, Approved, Halfway, Stopped
 from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.experiment.study.histories import BEGIN, Model, run_history
 from tests.faults.wrong import copied
+
+HALFWAY: tuple[Halfway, ...] = ("old", "session", "new")
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +44,15 @@ def change(study: MadeStudy, old: str, new: str) -> None:
 
 def seal_again(study: MadeStudy) -> None:
     protocol = study.protocol
-    days = {"approved_on": date(2020, 1, 1), "expires_on": date(2098, 1, 1)}
-    sealing.write(study.file, protocol, approval_number="18", board=protocol.ethics.board, replace=True, **days)
+    sealing.write(
+        study.file,
+        protocol,
+        approval_number="18",
+        board=protocol.ethics.board,
+        replace=True,
+        approved_on=date(2020, 1, 1),
+        expires_on=date(2098, 1, 1),
+    )
 
 
 def drawn(draw: random.Random) -> tuple[Approvals, Model]:
@@ -53,7 +62,7 @@ def drawn(draw: random.Random) -> tuple[Approvals, Model]:
     for number in range(1, draw.randint(2, 7)):
         version += number > 1 and draw.random() < 0.6
         days.append(days[-1] + timedelta(days=draw.choice((0, 5))))
-        halfway = draw.choice(("old", "session", "new"))
+        halfway: Halfway = draw.choice(HALFWAY)
         model.approvals.append((version, f"{number:064d}", days[-1], date.max, halfway, False))
         chain.append(
             Approved(
