@@ -45,7 +45,7 @@ def amend(
     dataset: StudyFolder = None,
     yes: Annotated[bool, typer.Option("--yes", help="Record it without being asked, as in a script.")] = False,
 ) -> None:
-    """Record an amendment or a renewal of a study, a suspension, or its end.
+    """Record an amendment, a renewal, or a suspension of a study.
 
     The board approved another version, or the same one for longer: seal it beside its file (`palpate seal --replace`),
     then run this command. It shows old and new side by side and asks before it records anything. The dataset keeps all

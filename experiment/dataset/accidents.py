@@ -58,7 +58,7 @@ def accidents(root: Path) -> Iterator[Finding]:
     yield from _copies(root)
     yield from _other_forms(files, root)
     if warning := privacy.readers_warning(root):
-        yield _found(f"{warning} Archives and copies lose modes", root / "sourcedata", root, refuses=False)
+        yield _accident(f"{warning} Archives and copies lose modes", root / "sourcedata", root, refuses=False)
 
 
 def _of_file(root: Path, path: Path) -> Iterator[Finding]:
@@ -68,19 +68,19 @@ def _of_file(root: Path, path: Path) -> Iterator[Finding]:
         what = (
             "is a link to an annexed file that was not fetched" if annexed else "is a link to a file that is not there"
         )
-        yield _found(what, path, root, fetch if annexed else "bring the file with the dataset")
+        yield _accident(what, path, root, fetch if annexed else "bring the file with the dataset")
         return
     if not os.access(path, os.R_OK):
-        yield _found("may not be read: its mode was lost", path, root, f"give it back: chmod u+rw {path.name}")
+        yield _accident("may not be read: its mode was lost", path, root, f"give it back: chmod u+rw {path.name}")
         return
     with path.open("rb") as file:
         start = file.read(64)
     if start.startswith(POINTERS):
-        yield _found("is a pointer to an annexed file that was not fetched", path, root, fetch)
+        yield _accident("is a pointer to an annexed file that was not fetched", path, root, fetch)
     elif path.suffix in TEXTS and path.parent != root / storage.RECORDINGS and _has_other_line_ends(path):
         what = "has other line ends: CR LF in place of LF, as of Git or a transfer in text mode"
         again = "set git config core.autocrlf false and check it out again, or copy it again in binary mode"
-        yield _found(what, path, root, again)
+        yield _accident(what, path, root, again)
 
 
 def _has_other_line_ends(path: Path) -> bool:
@@ -94,7 +94,7 @@ def _copies(root: Path) -> Iterator[Finding]:
         path = root / name
         system = "macOS" if path.name.startswith("._") else OF_SYSTEMS.get(path.name)
         if system:
-            yield _found(f"was left by {system}, and holds no data", path, root, "delete it", refuses=False)
+            yield _accident(f"was left by {system}, and holds no data", path, root, "delete it", refuses=False)
             continue
         stem, dot, ending = path.name.rpartition(".")
         marked = next((one for one in COPY.finditer(stem) if one.end() == len(stem) or stem[one.end()] == "."), None)
@@ -105,7 +105,7 @@ def _copies(root: Path) -> Iterator[Finding]:
         other = original.name
         remedy = "delete it" if same else f"compare both, keep the one that is whole as {other}, and take this one out"
         what = f"is a copy of {other} by a program that synchronises folders, and {'the same' if same else 'another'}"
-        yield _found(what, path, root, remedy, refuses="_journal" in path.name)
+        yield _accident(what, path, root, remedy, refuses="_journal" in path.name)
 
 
 def _other_forms(files: Sequence[Path], root: Path) -> Iterator[Finding]:
@@ -114,10 +114,10 @@ def _other_forms(files: Sequence[Path], root: Path) -> Iterator[Finding]:
         composed = unicodedata.normalize("NFC", path.name)
         if path.name != composed and not path.with_name(composed).exists():
             what = "has its name in another Unicode form (decomposed, as of macOS)"
-            yield _found(what, path, root, "rename it: convmv -f utf-8 -t utf-8 --nfc --notest")
+            yield _accident(what, path, root, "rename it: convmv -f utf-8 -t utf-8 --nfc --notest")
 
 
-def _found(what: str, path: Path, root: Path, remedy: str = "", *, refuses: bool = True) -> Finding:
+def _accident(what: str, path: Path, root: Path, remedy: str = "", *, refuses: bool = True) -> Finding:
     where = path.relative_to(root).as_posix()
     return Finding(what, where, remedy=remedy, verdict="refuses" if refuses else "unknown", check=CHECK)
 

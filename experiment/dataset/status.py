@@ -319,7 +319,7 @@ def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date)
     known = dataset.approvals
     if known is not None and (stop := known.stop(today)) is not None:
         return f"{stop.kind.upper()} from {stop.from_on} on, so nobody is run: {stop.reason}.", []
-    file = protocol_file or storage.protocol_path(root, known.known(today)[-1].number if known else 1)
+    file = protocol_file or storage.protocol_path(root, known.started_by(today)[-1].number if known else 1)
     if protocol_file is None and not approval.seal_path(file).exists():
         return "No session has begun, so no seal is kept here; the one beside the protocol's file counts.", []
     version = files.load(file)
@@ -349,7 +349,7 @@ def _consent_anew(root: Path, dataset: Dataset, today: date) -> Iterator[Finding
     if dataset.roster is None or dataset.approvals is None:
         return
     for who in amendment.to_consent_anew(root, dataset.approvals, dataset.roster, today):
-        file = storage.protocol_path(root, dataset.approvals.known(today)[-1].number)
+        file = storage.protocol_path(root, dataset.approvals.started_by(today)[-1].number)
         given = ("--participant", who, "--consent-on", "DAY", "--dataset", str(root))
         words = f"Participant {who} consents to the amendment before their next session: {{}}"
         yield Finding("", remedy=Remedy(words, ("palpate", "consent", str(file), *given)))

@@ -124,11 +124,11 @@ def to_consent_anew(root: Path, known: Approvals, roster: Roster, today: date) -
     return tuple(
         who
         for who, number in roster.consented.items()
-        if who not in roster.withdrawn and number < _needed(root, known, plan[who].tasks, who, today)
+        if who not in roster.withdrawn and number < _needed_number(root, known, plan[who].tasks, who, today)
     )
 
 
-def _needed(root: Path, known: Approvals, tasks: tuple[str, ...], who: str, today: date) -> int:
+def _needed_number(root: Path, known: Approvals, tasks: tuple[str, ...], who: str, today: date) -> int:
     """Return the lowest number of an approval to which a participant must have consented; 0 where nothing is left."""
     read = [journal.read_if_begun(storage.journal_path(root, who, task)) for task in tasks]
     begun = [known.number_of(one.header.seal_sha256) for one in read if one.lines]
@@ -146,7 +146,7 @@ def _refuse_other_study(root: Path, protocol_file: Path, roster: Roster, old: Pr
             ("study.id", old.study.id, new.study.id),
             ("ids, kinds and designs of tasks", _shape(old), _shape(new)),
             ("ids of materials", [one.id for one in old.materials], [one.id for one in new.materials]),
-            ("materials of a task", _presented(old), _presented(new)),
+            ("materials of a task", _materials_of_tasks(old), _materials_of_tasks(new)),
             ("number of digits of labels", len(labels(old)[0]), len(labels(new)[0])),
         )
         if was != now
@@ -166,5 +166,5 @@ def _shape(protocol: Protocol) -> list[tuple[str, str, str]]:
     return [(task.id, task.kind, task.design) for task in protocol.tasks]
 
 
-def _presented(protocol: Protocol) -> list[tuple[str, ...]]:
+def _materials_of_tasks(protocol: Protocol) -> list[tuple[str, ...]]:
     return [tuple(protocol.materials_of(task)) for task in protocol.tasks]

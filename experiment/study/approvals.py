@@ -58,7 +58,7 @@ class Approvals:
     approved: tuple[Approved, ...]
     stops: tuple[Stopped, ...] = ()
 
-    def known(self, day: date) -> tuple[Approved, ...]:
+    def started_by(self, day: date) -> tuple[Approved, ...]:
         """Return the approvals that began by `day`; the first one always counts."""
         return (*self.approved[:1], *(one for one in self.approved[1:] if one.from_on <= day))
 
@@ -80,7 +80,7 @@ class Approvals:
         `visit` is the number of the approval of the participant's latest session, None before the first. `session` is
         that of this session, None if it has not begun.
         """
-        known = self.known(day)
+        known = self.started_by(day)
         began = session or visit
         version = self.version(began or known[-1].number)
         for one in known:

@@ -173,7 +173,7 @@ def _check_current(root: Path, protocol: Protocol, known: Roster, command: tuple
     all_approvals = known.approvals(approvals.read_first(root))
     if (stop := all_approvals.stop(today)) is not None and stop.kind == "ended":
         raise approvals.stopped_error(stop)
-    check_version(root, protocol, all_approvals.known(today)[-1], command)
+    check_version(root, protocol, all_approvals.started_by(today)[-1], command)
 
 
 def consent(
