@@ -341,9 +341,11 @@ def _strays(dataset: Dataset) -> Iterator[Finding]:
     paths = journals(root)
     known = {*paths, *(chain.head_path(path) for path in paths), roster, chain.head_path(roster)}
     source = root / "sourcedata"
-    # What macOS leaves beside each file is no journal.
-    found = {path for path in source.rglob("[!.]*") if path.suffix in (".jsonl", ".head") or "_journal" in path.name}
-    for path in sorted({*found, *root.rglob("[!.]*_journal.jsonl")} - known):
+    found = {path for path in source.rglob("*") if path.suffix in (".jsonl", ".head") or "_journal" in path.name}
+    for path in sorted({*found, *root.rglob("*_journal.jsonl")} - known):
+        if path.name.startswith("._"):
+            # What macOS leaves beside each file is no journal.
+            continue
         what = "looks like a journal, and no session of this dataset writes one there"
         allowed = "sourcedata/sub-P/sub-P_task-T_journal.jsonl"
         yield Finding(what, path, allowed=allowed, remedy="take it out of the dataset")
