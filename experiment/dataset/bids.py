@@ -121,8 +121,8 @@ OURS = ("Name", "BIDSVersion", "DatasetType", "GeneratedBy", "Palpate")
 def description(root: Path, text: DatasetText) -> Files:
     """Return `dataset_description.json` and `README`; the label of what is no data of a study leads both.
 
-    What a laboratory wrote there stays: every key but `OURS`, and a README that begins with the heading. Raises
-    `DatasetError` for `Authors` or others that are no texts, as BIDS wants them.
+    What a laboratory wrote there stays: every key but `OURS`, and the README, which begins with the label if
+    there is one. Raises `DatasetError` for `Authors` or others that are no texts, as BIDS wants them.
     """
     label = LABELS[text.origin]
     name = _labelled(text.name, text.origin)
@@ -158,7 +158,7 @@ def description(root: Path, text: DatasetText) -> Files:
         kept["EthicsApprovals"] = list(dict.fromkeys((*kept.get("EthicsApprovals", ()), *text.approvals)))
     readme = root / "README"
     made = f"{name}\n\n{text.readme.strip()}\n".encode()
-    own = readme.is_file() and storage.read_bytes(readme).startswith(name.encode())
+    own = readme.is_file() and (not label or storage.read_bytes(readme).startswith(name.encode()))
     return {
         root / "dataset_description.json": storage.json_bytes(content | kept),
         readme: storage.read_bytes(readme) if own else made,
