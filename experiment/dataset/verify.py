@@ -484,15 +484,21 @@ def _most_anchored(files: Mapping[str, Sequence[str]], evidence: Sequence[Eviden
     return [anchored[-1] for anchored in same if anchored]
 
 
+def _has_remedy(finding: Finding) -> bool:
+    """Return whether what a finding says puts things right: of an accident, or by a command."""
+    return finding.check == accidents.CHECK or (isinstance(finding.remedy, Remedy) and finding.remedy.suffices)
+
+
 def _verdict(
     findings: Sequence[Finding], files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]
 ) -> Iterator[str]:
     if refused := [finding for finding in findings if finding.refuses]:
         speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
-        by_command = all(
-            one.check == accidents.CHECK or (isinstance(one.remedy, Remedy) and one.remedy.suffices) for one in refused
+        mend = (
+            "Do what the findings say"
+            if all(map(_has_remedy, refused))
+            else "Keep the folder as it is, and compare it with a backup"
         )
-        mend = "Do what the findings say" if by_command else "Keep the folder as it is, and compare it with a backup"
         yield f"REFUSED: {speak} against this dataset. {mend}."
         return
     if not (total := sum(map(len, files.values()))):
