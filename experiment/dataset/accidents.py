@@ -57,7 +57,7 @@ def accidents(root: Path) -> Iterator[Finding]:
             yield from _of_file(root, path)
     yield from _copies(root)
     yield from _other_forms(files, root)
-    if warning := privacy.readers_warning(root):
+    if storage.roster_path(root).exists() and (warning := privacy.readers_warning(root)):
         yield _accident(f"{warning} Archives and copies lose modes", root / "sourcedata", root, refuses=False)
 
 
