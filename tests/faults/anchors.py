@@ -238,7 +238,8 @@ def _lost(bench: _Bench) -> Count:
     tally = _Tally("a file of a dataset deleted: refused, and named")
     for path in sorted(bench.sound.rglob("*")):
         file = path.relative_to(bench.sound).as_posix()
-        if path.is_dir() or path.suffix == ".lock":
+        # Without its `.gitattributes` a dataset is as it was: the file only speaks to Git.
+        if path.is_dir() or path.suffix == ".lock" or path.name == ".gitattributes":
             continue
         root = bench.copy()
         (root / file).unlink()

@@ -293,7 +293,7 @@ class InterruptedFile:
         return getattr(self._file, name)
 
 
-@pytest.mark.parametrize(("number", "maker"), [(None, "an unreleased"), (8, "an unreleased"), (10, "a newer")])
+@pytest.mark.parametrize(("number", "maker"), [(None, "an unreleased"), (8, "an unreleased"), (11, "a newer")])
 def test_a_journal_of_another_format_is_refused_in_words(tmp_path: Path, number: int | None, maker: str) -> None:
     path = tmp_path / "j"
     line = json.loads(write(path, ENTRIES[:1]))
