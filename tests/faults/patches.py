@@ -225,8 +225,8 @@ PATCHES = (
     Patch(
         "the limit of a measured panel without its uncertainty",
         "experiment/apparatus/panel/movement.py",
-        "uncertain + highest * abs(1 - gain))",
-        "0.0 * uncertain)",
+        "highest * (gain + abs(1 - gain)) + uncertain)",
+        "highest * (gain + abs(1 - gain)))",
         (f"{_T}apparatus/panel/test_movement.py",),
     ),
     Patch(

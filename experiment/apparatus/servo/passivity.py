@@ -1,6 +1,6 @@
 """Whether a device bears a block: the damping that it needs for a sampled block to be passive.
 
-The condition is Colgate and Schenkel's (`stability.passive_from_n_s_m`). H is that of spring and damper on what the
+The condition is Colgate and Schenkel's (`sampled.passive_from_n_s_m`). H is that of spring and damper on what the
 observer believes, with the force that is sent fed back to it. Where nothing is known of the device's mass, speed is the
 difference of two samples, and the bound is b > K T / 2 + C.
 """
@@ -14,8 +14,8 @@ import numpy as np
 
 from palpate.experiment.apparatus.servo.observer import Observer, least_kg, observer_of
 from palpate.experiment.errors import RigError
-from palpate.experiment.synthesis.stepping.stability import Complexes, passive_from_n_s_m
-from palpate.experiment.synthesis.stepping.stability import needed_damping_n_s_m as differences
+from palpate.experiment.synthesis.contact.sampled import Complexes, passive_from_n_s_m
+from palpate.experiment.synthesis.contact.sampled import needed_damping_n_s_m as differences
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.servo.settings import ServoRig
