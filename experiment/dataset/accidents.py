@@ -40,10 +40,10 @@ NO_CONVERSION = b"# Git changes no line ends here: hashes hold for the files as 
 """What stands in that file of a dataset."""
 
 
-def keep_attributes(root: Path) -> None:
-    """Write `.gitattributes` into a dataset that has none; one of the lab stays as it is."""
+def keep_attributes(root: Path, label: str) -> None:
+    """Write `.gitattributes` into a dataset that has none, its label first; one of the lab stays as it is."""
     if not (root / ATTRIBUTES).exists():
-        storage.write_bytes(root / ATTRIBUTES, NO_CONVERSION)
+        storage.write_bytes(root / ATTRIBUTES, (f"# {label}\n".encode() if label else b"") + NO_CONVERSION)
 
 
 def accidents(root: Path) -> Iterator[Finding]:

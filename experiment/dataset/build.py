@@ -65,7 +65,7 @@ def build(root: Path, each: Each = map) -> None:
     dataset = load_sound(root, each)
     if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
         raise DatasetError(root, "got no journal", "run a session first", allowed="one or more")
-    import_module("palpate.experiment.dataset.accidents").keep_attributes(root)
+    import_module("palpate.experiment.dataset.accidents").keep_attributes(root, LABELS[dataset.purpose])
     bids.write_files(study_files(root, dataset))
     for _ in each(partial(_build_session, dataset), [of[0] for of in dataset.sessions]):
         pass
