@@ -13,9 +13,10 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.optimize import brentq
-from scipy.special import expit, logit, stdtrit
+from scipy.special import bdtrc, expit, logit, stdtrit
 
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
 from palpate.analysis.statistics.inference import CONFIDENCE, clopper_pearson
@@ -32,8 +33,9 @@ LINKED = 1 - 1e-12
 EDGE = 0.1
 """Within so much of 0 or 1 a difference is squared and added."""
 
-MOST = 0.8
-"""Above this mean share somebody no better than chance is of another kind: ours, by rule of thumb."""
+MOST, DOUBTFUL = 0.8, 0.05
+"""Above this mean share somebody who may guess is of another kind, and above this exact P of one tail somebody may:
+ours, by rule of thumb."""
 
 
 @dataclass(frozen=True)
@@ -53,17 +55,26 @@ class Limits:
 def first_limits(right: Integers, trials: Integers, chance: float) -> Limits:
     """Return the interval to be shown first, from right answers and trials, shape (participants,).
 
-    It is that of the trials of a single participant, and that of any population where somebody is no better than
-    `chance` and the mean above `MOST`. Raises `NotDefined` where nobody has a trial.
+    It is that of the trials of a single participant, and that of any population where somebody may guess. Raises
+    `NotDefined` where nobody has a trial.
     """
     right, trials = right[trials > 0], trials[trials > 0]
     if right.size == 1:
         exact = clopper_pearson(int(right[0]), int(trials[0]))
         low, high = exact.low if right[0] else None, exact.high if right[0] < trials[0] else None
         return Limits(low, high, over="trials")
-    if right.size and (right / trials).min() <= chance and (right / trials).mean() > MOST:
+    if right.size and may_guess(right, trials, chance):
         return population_limits(right, trials)
     return share_limits(right, trials)
+
+
+def may_guess(right: Integers, trials: Integers, chance: float) -> NDArray[np.bool_]:
+    """Return whether somebody is not shown to be better than `chance` while the mean share is above `MOST`.
+
+    Counts have the shape (..., participants), each with a trial or more; the test is the exact binomial one.
+    """
+    by_luck = bdtrc(right - 1, trials, chance)
+    return np.asarray((by_luck > DOUBTFUL).any(axis=-1) & ((right / trials).mean(axis=-1) > MOST))
 
 
 def population_limits(right: Integers, trials: Integers) -> Limits:

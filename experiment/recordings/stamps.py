@@ -1,8 +1,8 @@
 """Dates and times of day in delimited text, as whole nanoseconds: `2026-11-28T12:00:00.001Z`, `28.11.2026 12:00:00`.
 
-A row's stamp needs hours, minutes and seconds; a date may stand before it, and an offset from UTC behind it. A time of
-day without a date that is earlier than the one before by more than half a day is one of the next day. Dates with
-slashes are read neither as days nor as months first, so a text that has them is left alone.
+A row's stamp needs hours, minutes and seconds; a date may stand before it, and AM, PM or an offset from UTC behind it.
+A time of day that is earlier than the one before by more than half a day is one of the next day; so is one behind a
+date with slashes, of which nobody knows whether days or months come first.
 """
 
 import re
@@ -12,12 +12,15 @@ from typing import NamedTuple
 SECOND_NS = 10**9
 DAY_NS = 86_400 * SECOND_NS
 
+ORIGIN_NS = 10**18
+"""What stands for the beginning of 1970, or for midnight: no other column of a recording has numbers as large."""
+
 _STAMP = (
     r"(?<![^\s;,|\"'])"
     r"(?:(?:(?P<y>[0-9]{{4}})-(?P<m>[0-9]{{2}})-(?P<d>[0-9]{{2}})"
-    r"|(?P<D>[0-9]{{2}})\.(?P<M>[0-9]{{2}})\.(?P<Y>[0-9]{{4}}))[T ])?"
+    r"|(?P<D>[0-9]{{2}})\.(?P<M>[0-9]{{2}})\.(?P<Y>[0-9]{{4}})|[0-9]{{1,4}}/[0-9]{{1,2}}/[0-9]{{1,4}})[T ])?"
     r"(?P<hour>[0-9]{{1,2}}):(?P<minute>[0-5][0-9]):(?P<second>[0-5][0-9])(?:{sign}(?P<part>[0-9]{{1,9}}))?"
-    r"(?:Z|(?P<offset>[+-][0-9]{{2}}:?[0-9]{{2}}))?"
+    r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?|Z|(?P<offset>[+-][0-9]{{2}}:?[0-9]{{2}}))?"
     r"(?![^\s;,|\"'])"
 )
 _STAMPS = {sign: re.compile(_STAMP.format(sign=sign)) for sign in (r"\.", r"[.,]")}
@@ -34,7 +37,7 @@ class Stamped(NamedTuple):
 
 
 def without_stamps(text: str) -> Stamped:
-    """Return a text with each stamp as nanoseconds since the year 1970, or since midnight where it has no date."""
+    """Return a text with each stamp as nanoseconds since 1970, or since midnight, both from `ORIGIN_NS` on."""
     head = text[:HEAD]
     rows = sum(1 for _ in _STAMPS[r"\."].finditer(head)) or sum(1 for _ in _STAMPS[r"[.,]"].finditer(head))
     if not rows:
@@ -50,13 +53,17 @@ def without_stamps(text: str) -> Stamped:
             on = _day(match)
         except ValueError:
             return match[0]
-        clock_s = (int(match["hour"]) * 60 + int(match["minute"]) - _offset_minutes(match["offset"])) * 60
+        hour = int(match["hour"])
+        if half := match["half"]:
+            hour = hour % 12 + 12 * (half in "Pp")
+        clock_s = (hour * 60 + int(match["minute"]) - _offset_minutes(match["offset"])) * 60
         time_ns = (clock_s + int(match["second"])) * SECOND_NS + int((match["part"] or "0").ljust(9, "0"))
         if on is None:
             days += time_ns < before_ns - DAY_NS // 2
             before_ns, on = time_ns, days
-        found.add(on * DAY_NS + time_ns)
-        return str(on * DAY_NS + time_ns)
+        stamp_ns = ORIGIN_NS + on * DAY_NS + time_ns
+        found.add(stamp_ns)
+        return str(stamp_ns)
 
     return Stamped(stamp.sub(nanoseconds, text), frozenset(found))
 

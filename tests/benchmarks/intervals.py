@@ -31,7 +31,7 @@ from scipy.special import expit
 
 from palpate.analysis.identification.confusion import Information, information_limits, transmitted
 from palpate.analysis.statistics.exact import Floats, Integers
-from palpate.analysis.statistics.shares import MOST, Limits, population_limits
+from palpate.analysis.statistics.shares import Limits, may_guess, population_limits
 from tests.benchmarks.inference import at_share
 from tests.benchmarks.many_intervals import Ends, difference_ends, holds_any, modelled_ends, share_ends, student_ends
 
@@ -94,7 +94,7 @@ def _shares(
         "Student's t": _counted(student_ends(shares), mean),
     }
     if isinstance(drawn, partial) and drawn.func is _guessing:
-        strange = (shares.min(axis=1) <= CHANCE) & (shares.mean(axis=1) > MOST)
+        strange = may_guess(right, trials, CHANCE)
         first = np.where(strange, anyone, _covered(over, mean))
         own = [high - low for (low, high), odd in zip(measured, strange, strict=False) if odd]
         mixed = np.where(strange, np.mean(own) if own else width, over[1] - over[0])

@@ -134,8 +134,10 @@ def test_each_cause_makes_its_own_difference() -> None:
     assert still[0] < 1e-6 < still[1]
 
 
-def test_nothing_is_known_without_a_mass() -> None:
+def test_nothing_is_known_without_a_mass_or_of_a_block_that_asks_for_nothing_at_rest() -> None:
     assert force_budget(PAPER, device(), TRACKER, limit_n=LIMIT_N) is None
+    damper = PAPER.model_copy(update={"stiffness_n_m": 0.0})
+    assert force_budget(damper, device(tip_mass_kg=0.1), TRACKER, limit_n=LIMIT_N) is None
     assert budget.judged(PAPER, device(), TRACKER, limit_n=LIMIT_N) == (True, budget.UNKNOWN)
 
 
