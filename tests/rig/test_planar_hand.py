@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from math import hypot, inf
+from math import hypot, inf, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +85,8 @@ def test_the_block_pushes_back_along_its_face(tmp_path: Path) -> None:
 
 
 def test_the_limit_holds_for_both_directions_together(tmp_path: Path) -> None:
-    limit_n = 0.5
-    part = limit_n / hypot(OUT_N, ALONG_N)
-    pushes = pushed_by(limit_n, (OUT_N * part, ALONG_N * part), tmp_path / "pushed.bin")
+    """What pushes out comes first, and the face gets what is left of it."""
+    limit_n = 1.25
+    assert OUT_N < limit_n < hypot(OUT_N, ALONG_N)
+    pushes = pushed_by(limit_n, (OUT_N, -sqrt(limit_n**2 - OUT_N**2)), tmp_path / "pushed.bin")
     assert max(hypot(push.out_n, push.along_n) for push in pushes) <= limit_n
