@@ -359,7 +359,7 @@ def test_counts_whose_squares_are_not_exact_are_refused(refuses: Refuses) -> Non
 
 def test_files_say_simulated_and_may_be_written_again(tmp_path: Path, refuses: Refuses) -> None:
     study = protocol()
-    result = run(study, guess(study), participants=(4, 15))
+    result = run(study, guess(study), participants=(4, 6), studies=40)
     files = report.write(result, tmp_path / "out")
     assert {path.name for path in files} == {
         *(f"{slug}.{kind}" for slug in SLUGS for kind in ("csv", "md", "tex")), "power.svg", "power.png",
