@@ -45,7 +45,7 @@ def amend(
     dataset: StudyFolder = None,
     yes: Annotated[bool, typer.Option("--yes", help="Record it without being asked, as in a script.")] = False,
 ) -> None:
-    """Record an amendment, a renewal, or a suspension of a study.
+    """Record an amendment, a renewal or a suspension of a study, or its end.
 
     The board approved another version, or the same one for longer: seal it beside its file (`palpate seal --replace`),
     then run this command. It shows old and new side by side and asks before it records anything. The dataset keeps all
@@ -53,7 +53,8 @@ def amend(
     the version that covers them.
 
     With --suspended-on, --lifted-on or --ended-on, and --reason, it records that the board suspended the study, lifted
-    the suspension, or ended the study. Nobody is run while it is suspended, and never after its end.
+    the suspension, or ended the study. Nobody is run or enrolled while it is suspended, and never after its end, which
+    cannot be undone: the command asks before it records that.
     """
     from palpate.experiment import storage
     from palpate.experiment.dataset import build, checks
@@ -64,10 +65,16 @@ def amend(
     stops = {"suspended": suspended_on, "lifted": lifted_on, "ended": ended_on}
     given = [(kind, on) for kind, on in stops.items() if on is not None]
     if (len(given), reason is None) not in ((0, True), (1, False)):
-        what = "got --suspended-on, --lifted-on, --ended-on and --reason in a combination that says nothing"
-        raise RosterError(what, allowed="one of the days with --reason, or none of them")
+        what = "give one of --suspended-on, --lifted-on, --ended-on with --reason, or none of them"
+        raise RosterError(what)
     if given:
+        if {halfway, consent_anew, from_on, page_file} != {None}:
+            what = "got --halfway, --consent-anew, --from or --html beside a suspension, its lift or an end"
+            raise RosterError(what, remedy="leave them out: they are of an amendment or a renewal")
         ((kind, on),) = given
+        if kind == "ended" and not yes:
+            asked = f"This ends the study from {on} on, for good: no session is run, and nothing lifts it."
+            options.confirm(asked, "end", "nothing was recorded")
         words = {"suspended": "suspended", "lifted": "no longer suspended", "ended": "ended"}[kind]
         path = amendment.stop(protocol_file, kind, on, reason or "", root=root)  # type: ignore[arg-type]
         typer.echo(f"The study is {words} from {on} on: {path}")

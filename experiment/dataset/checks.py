@@ -182,7 +182,7 @@ def anchor(root: Path) -> Anchor:
         study=dataset.protocol.study.id,
         purpose=dataset.purpose,
         protocol_sha256=approval.sha256(dataset.protocol),
-        seal_sha256=seals(root)[-1] if dataset.approvals is not None else None,
+        seal_sha256=dataset.approvals.approved[-1].seal_sha256 if dataset.approvals is not None else None,
         prefixes=tuple(
             Prefix(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
             for path in (storage.roster_path(root), *(path for path, _ in dataset.sessions))

@@ -53,7 +53,10 @@ def admit(
     wanted = approval_for(root, allocation, task_id, all_approvals, on)
     if wanted is None:
         what = f"participant {who} does not continue task '{task_id}': an amendment ended the sessions under way"
-        raise RosterError(what, remedy="leave out --task, and the next task is run")
+        later = allocation.tasks[allocation.tasks.index(task_id) + 1 :]
+        left = any(approval_for(root, allocation, task, all_approvals, on) for task in later)
+        remedy = "leave out --task, and the next task is run" if left else "no task is left for them"
+        raise RosterError(what, remedy=remedy)
     run = ("palpate", "run", "-p", who, "--rig", rig)
     enrolment.check_version(root, protocol, wanted, run)
     if approvals.seal_sha256(protocol_file) != wanted.seal_sha256:

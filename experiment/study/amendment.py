@@ -70,7 +70,7 @@ def plan_approval(
         raise RosterError(what, remedy="leave them out")
     if not renewal:
         _refuse_other_study(root, protocol_file, roster, latest(root, known), protocol)
-    return Approved(
+    planned = Approved(
         number=last.number + 1,
         protocol_sha256=approval.sha256(protocol),
         seal_sha256=sha256,
@@ -80,6 +80,8 @@ def plan_approval(
         halfway=halfway or "old",
         consent_anew=bool(consent_anew),
     )
+    roster.check_decision(planned)
+    return planned
 
 
 def record(protocol_file: Path, planned: Approved, *, root: Path | None) -> Path:

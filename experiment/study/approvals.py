@@ -53,7 +53,7 @@ class Stopped(Entry):
 
 @dataclass(frozen=True)
 class Approvals:
-    """All approvals of a study, the first one first, and the lines that stopped them, oldest first."""
+    """All approvals of a study, the first one first, and the lines that stopped them, in the order of the roster."""
 
     approved: tuple[Approved, ...]
     stops: tuple[Stopped, ...] = ()
@@ -64,7 +64,7 @@ class Approvals:
 
     def stop(self, day: date) -> Stopped | None:
         """Return the suspension or the end because of which nothing runs on `day`."""
-        begun = [one for one in self.stops if one.from_on <= day]
+        begun = sorted((one for one in self.stops if one.from_on <= day), key=lambda one: one.from_on)
         ended = [one for one in begun if one.kind == "ended"]
         return next(iter(ended or [one for one in begun[-1:] if one.kind == "suspended"]), None)
 
@@ -80,8 +80,11 @@ class Approvals:
         `visit` is the number of the approval of the participant's latest session, None before the first. `session` is
         that of this session, None if it has not begun.
         """
-        known = self.started_by(day)
         began = session or visit
+        if visit is not None and visit > 1:
+            # What a session was under has begun, even if the machine's clock was set back since.
+            day = max(day, self.approved[visit - 1].from_on)
+        known = self.started_by(day)
         version = self.version(began or known[-1].number)
         for one in known:
             if began is None or one.number <= began or self.version(one.number) != one.number:

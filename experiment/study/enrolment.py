@@ -171,7 +171,7 @@ def _check_current(root: Path, protocol: Protocol, known: Roster, command: tuple
         return
     today = known.known_day(day(wall_ns()))
     all_approvals = known.approvals(approvals.read_first(root))
-    if (stop := all_approvals.stop(today)) is not None and stop.kind == "ended":
+    if (stop := all_approvals.stop(today)) is not None:
         raise approvals.stopped_error(stop)
     check_version(root, protocol, all_approvals.started_by(today)[-1], command)
 

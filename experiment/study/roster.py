@@ -311,7 +311,11 @@ class Roster:
 
     def _apply(self, entry: AnyEntry) -> None:
         if isinstance(entry, Approved | Stopped):
-            self._apply_approval(entry)
+            self.check_decision(entry)
+            if isinstance(entry, Approved):
+                self.approved.append(entry)
+            else:
+                self.stopped.append(entry)
             return
         participant = entry.participant
         if isinstance(entry, First | Enrolled | Replacing):
@@ -376,22 +380,21 @@ class Roster:
             self.consented[participant] = self.approval_on(on)
             self.consents.setdefault(participant, []).append(on)
 
-    def _apply_approval(self, entry: Approved | Stopped) -> None:
-        if any(one.kind == "ended" for one in self.stopped):
-            raise RosterError("the board ended this study", remedy="begin another one, with an id of its own")
+    def check_decision(self, entry: Approved | Stopped) -> None:
+        """Return when a board's decision can be added to those on record. Raises `RosterError` otherwise."""
+        stop = Approvals((), tuple(self.stopped)).stop(entry.from_on)
+        if stop is not None and stop.kind == "ended":
+            what = f"the board ended this study on {stop.from_on}"
+            raise RosterError(what, remedy="begin another one, with an id of its own")
         if isinstance(entry, Approved):
             least = max((one.from_on for one in self.approved), default=date.min)
             if entry.number != len(self.approved) + 2 or entry.from_on < least:
                 what = f"approval {entry.number} from {entry.from_on} is not the next one"
                 raise RosterError(what, allowed=f"{len(self.approved) + 2}, from {least} on")
-            self.approved.append(entry)
-            return
-        last = self.stopped[-1] if self.stopped else Stopped(kind="lifted", from_on=date.min, reason="-")
-        if entry.kind == last.kind:
-            raise RosterError(f"the study is {'suspended' if last.kind == 'suspended' else 'not suspended'} already")
-        if entry.from_on < last.from_on:
-            raise RosterError(f"the study was {last.kind} on {last.from_on}", allowed=f"a day from {last.from_on} on")
-        self.stopped.append(entry)
+        elif entry.kind == "lifted" and stop is None:
+            raise RosterError(f"the study is not suspended on {entry.from_on}")
+        elif entry.kind == "suspended" and stop is not None:
+            raise RosterError(f"the study is suspended from {stop.from_on} on already")
 
     def check_enrolled(self, participant: str) -> None:
         """Return when `participant` is enrolled. Raises `RosterError` otherwise."""

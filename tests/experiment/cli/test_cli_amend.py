@@ -111,3 +111,19 @@ def test_what_says_nothing_is_refused(study: MadeStudy, palpate: Palpate) -> Non
     assert palpate(*amend, "--suspended-on", "2026-01-01", "--ended-on", "2026-01-01", "--reason", "letter")[0] == 2
     assert storage.roster_path(study.root).read_bytes() == roster
     assert not amendment.known_approvals(study.file, study.root)[1].stopped
+
+
+def test_an_end_is_asked_about_and_a_choice_beside_it_refused(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    end = ("amend", study.file, "--dataset", study.root, "--ended-on", "2090-12-31", "--reason", "letter")
+    roster = storage.roster_path(study.root).read_bytes()
+    monkeypatch.setattr("builtins.input", lambda _: "amend")
+    assert palpate(*end)[0] == 2
+    page = tmp_path / "page.html"
+    for extra in (("--halfway", "old"), ("--consent-anew", "nobody"), ("--from", "2090-01-01"), ("--html", page)):
+        assert palpate(*end, *extra, "--yes")[0] == 2
+    assert storage.roster_path(study.root).read_bytes() == roster
+    monkeypatch.setattr("builtins.input", lambda _: "end")
+    assert palpate(*end)[0] == 0
+    assert [one.kind for one in amendment.known_approvals(study.file, study.root)[1].stopped] == ["ended"]

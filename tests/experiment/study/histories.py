@@ -25,7 +25,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, verify
-from palpate.experiment.errors import PalpateError
+from palpate.experiment.errors import PalpateError, RosterError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
@@ -74,12 +74,12 @@ class Model:
     gone: set[str] = field(default_factory=set)
     sessions: dict[tuple[str, str], tuple[int, bool]] = field(default_factory=dict)
 
-    def stopped(self, day: date) -> bool:
+    def state(self, day: date) -> str:
         state = "runs"
-        for since, what in self.stops:
+        for since, what in sorted(self.stops, key=lambda one: one[0]):
             if since <= day and state != "ended":
                 state = what
-        return state != "runs"
+        return state
 
     def at(self, day: date) -> int:
         """The index of the last approval that has begun."""
@@ -87,9 +87,12 @@ class Model:
 
     def covers(self, who: str, task: str, day: date) -> int | None:
         """The index of the approval for a session, None where there may be none."""
-        if self.stopped(day) or who in self.gone or self.consents.get(who) is None:
+        if self.state(day) != "runs" or who in self.gone or self.consents.get(who) is None:
             return None
         index = self.moved(who, task, day)
+        day = max(
+            [day, *(self.approvals[index][2] for (label, _), (index, _) in self.sessions.items() if label == who)]
+        )
         if index is None or not self.approvals[index][2] <= day <= self.approvals[index][3]:
             return None
         for later in range(1, index + 1):
@@ -99,9 +102,9 @@ class Model:
 
     def moved(self, who: str, task: str, day: date) -> int | None:
         own = [index for (label, _), (index, _) in self.sessions.items() if label == who]
-        now = self.at(day)
         if not own:
-            return now
+            return self.at(day)
+        now = max(self.at(day), *own)
         begun = (who, task) in self.sessions
         start = self.sessions[who, task][0] if begun else max(own)
         version, place = self.approvals[start][0], start
@@ -131,6 +134,8 @@ class World:
     day: date = BEGIN
     version: int = 0
     seen: Counter[str] = field(default_factory=Counter)
+    line_on: date = BEGIN
+    session_on: date = BEGIN
 
     def __post_init__(self) -> None:
         # The same few versions are read and hashed thousands of times.
@@ -139,6 +144,14 @@ class World:
         self.patch.setattr(load, "_document", _document_of(load._document))
         for module in (enrolment, amendment):
             self.patch.setattr(module, "wall_ns", self.now_ns)
+        append = Roster._append
+
+        def stamped(roster: Roster, kind: Any, /, **facts: object) -> None:
+            roster.now_ns = self.now_ns
+            append(roster, kind, **facts)
+            self.line_on = self.day
+
+        self.patch.setattr(Roster, "_append", stamped)
         self.write_version()
         self.seal(BEGIN, BEGIN + timedelta(days=150))
         self.model.approvals.append((0, self.beside(), BEGIN, BEGIN + timedelta(days=150), "old", False))
@@ -193,7 +206,7 @@ class World:
 
     def enrol(self) -> None:
         who = f"{len(self.model.consents) + 1:02d}"
-        if len(self.model.consents) >= 4 or (self.model.stops[-1:] and self.model.stops[-1][1] == "ended"):
+        if len(self.model.consents) >= 4:
             return
         signed = self.draw.random() < 0.8 and self.day >= self.model.approvals[0][2]
         kept = len(self.model.approvals) > 1 or self.model.sessions
@@ -205,7 +218,13 @@ class World:
             if kept and storage.protocol_path(self.root).exists()
             else self.file
         )
-        enrolment.enrol(file, who, self.day if signed else None, root=self.root, seed=7)
+        runs = self.model.state(self.day) == "runs"
+        try:
+            enrolment.enrol(file, who, self.day if signed else None, root=self.root, seed=7)
+        except RosterError:
+            assert not runs
+            return
+        assert runs
         self.model.consents[who] = at if signed else None
         self.seen["enrolment"] += 1
 
@@ -223,12 +242,12 @@ class World:
         self.seen["consent"] += 1
 
     def amend(self, kind: Literal["amendment", "renewal"] = "amendment") -> None:
-        if any(what == "ended" for _, what in self.model.stops) or (not self.model.sessions and kind == "renewal"):
+        begins = max(self.day, self.model.approvals[-1][2]) + timedelta(days=self.draw.choice((0, 0, 5)))
+        if self.model.state(begins) == "ended" or (not self.model.sessions and kind == "renewal"):
             return
         if kind == "amendment":
             self.version += 1
             self.write_version()
-        begins = max(self.day, self.model.approvals[-1][2]) + timedelta(days=self.draw.choice((0, 0, 5)))
         lasts = begins + timedelta(days=self.draw.choice((20, 150)))
         self.seal(self.day, lasts)
         halfway: Any = self.draw.choice(("old", "session", "new")) if kind == "amendment" else None
@@ -247,12 +266,20 @@ class World:
         self.amend("renewal")
 
     def stop(self) -> None:
-        if any(what == "ended" for _, what in self.model.stops):
+        on = self.day + timedelta(days=self.draw.choice((0, 0, -4, 6)))
+        # A stop before a session that took place is no history that verifies.
+        on = on if on > self.session_on else self.day
+        state = self.model.state(on)
+        likely = "lifted" if state == "suspended" else "suspended"
+        kind: Any = self.draw.choices((likely, "ended", "suspended", "lifted"), (80, 5, 5, 5))[0]
+        allowed = state != "ended" and (kind == "ended" or kind == likely)
+        try:
+            amendment.stop(self.file, kind, on, "the board's letter", root=self.root)
+        except RosterError:
+            assert not allowed
             return
-        suspended = bool(self.model.stops) and self.model.stops[-1][1] == "suspended"
-        kind: Any = "lifted" if suspended else "ended" if self.draw.random() < 0.05 else "suspended"
-        amendment.stop(self.file, kind, self.day, "the board's letter", root=self.root)
-        self.model.stops.append((self.day, {"lifted": "runs"}.get(kind, kind)))
+        assert allowed
+        self.model.stops.append((on, {"lifted": "runs"}.get(kind, kind)))
         self.seen[{"lifted": "suspension lifted", "ended": "end"}.get(kind, "suspension")] += 1
 
     def withdraw(self) -> None:
@@ -281,13 +308,13 @@ class World:
         wanted = self.model.covers(who, task, self.day)
         candidates = [storage.protocol_path(self.root, number) for number in range(1, len(self.model.approvals) + 1)]
         candidates = [one for one in (self.file, *candidates) if one.exists() and approval.seal_path(one).exists()]
-        ran = {}
-        for file in candidates:
-            try:
-                approval.verify(file, protocol := files.load(file), self.day)
-                ran[file] = admit(self.root, file, protocol, own, task, str(RIG), self.day)
-            except PalpateError:
-                continue
+        # With a clock that was set back the day of the roster's last line counts.
+        back = self.day - timedelta(days=5)
+        on = self.model.covers(who, task, max(back, self.line_on))
+        early = self._admitted(candidates, own, task, back)
+        assert {one.approved.seal_sha256 for one in early.values()} <= {self.model.approvals[on or 0][1]}
+        assert not early or on is not None
+        ran = self._admitted(candidates, own, task, self.day)
         found = {(one.approved.protocol_sha256, one.approved.seal_sha256) for one in ran.values()}
         self.seen["refused attempt at a session"] += wanted is None
         if wanted is None:
@@ -298,6 +325,7 @@ class World:
         assert seal_sha256 == self.model.approvals[wanted][1]
         file, admission = next(iter(ran.items()))
         assert admission.consent_sha256 is not None
+        self.session_on = self.day
         self._write(who, task, own, file, admission)
         complete = self.draw.random() < 0.7
         if (who, task) not in self.model.sessions:
@@ -306,6 +334,16 @@ class World:
             self.model.sessions[who, task] = self.model.sessions[who, task][0], complete
         self._end(who, task, complete=complete)
         self.seen["session" if complete else "session cut off by a kill"] += 1
+
+    def _admitted(self, candidates: list[Path], own: Allocation, task: str, day: date) -> dict[Path, Admission]:
+        ran = {}
+        for file in candidates:
+            try:
+                approval.verify(file, protocol := files.load(file), day)
+                ran[file] = admit(self.root, file, protocol, own, task, str(RIG), day)
+            except PalpateError:
+                continue
+        return ran
 
     def _closed(self, who: str, task: str) -> bool:
         return self.model.moved(who, task, self.day) is None

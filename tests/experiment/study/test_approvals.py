@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import shutil
 from datetime import date, timedelta
 from pathlib import Path
 
@@ -11,9 +12,11 @@ import pytest
 from palpate.experiment import storage
 from palpate.experiment.dataset import build, checks
 from palpate.experiment.errors import DatasetError, RosterError
+from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import journal
-from palpate.experiment.study import amendment, approvals
+from palpate.experiment.study import amendment, approvals, enrolment
+from palpate.experiment.study.admission import admit
 from palpate.experiment.study.approvals import Approvals, Approved, Halfway, Stopped
 from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import MadeStudy, make_study
@@ -177,3 +180,57 @@ def test_a_study_is_suspended_lifted_and_ended_in_this_order(study: MadeStudy) -
     assert stopped == [1, 2, 9, 10, 11]
     with pytest.raises(RosterError, match="ended"):
         amendment.stop(study.file, "suspended", BEGIN + timedelta(days=20), "letter", root=study.root)
+
+
+def test_stops_are_recorded_in_any_order(study: MadeStudy) -> None:
+    for kind, day in (("ended", 9), ("suspended", 7), ("suspended", 2), ("lifted", 4), ("ended", 8)):
+        on = BEGIN + timedelta(days=day)
+        amendment.stop(study.file, kind, on, "letter of the board", root=study.root)  # type: ignore[arg-type]
+    for kind, day in (("suspended", 3), ("lifted", 5), ("ended", 8)):
+        with pytest.raises(RosterError):
+            on = BEGIN + timedelta(days=day)
+            amendment.stop(study.file, kind, on, "letter", root=study.root)  # type: ignore[arg-type]
+    _, _, known = amendment.known_approvals(study.file, study.root)
+    days = [BEGIN + timedelta(days=day) for day in range(10)]
+    found = [stop.kind if (stop := known.stop(day)) else "-" for day in days]
+    assert found == ["-", "-", "suspended", "suspended", "-", "-", "-", "suspended", "ended", "ended"]
+
+
+def test_what_cannot_be_recorded_is_refused_before_anything_is_copied(study: MadeStudy) -> None:
+    change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
+    planned = amendment.plan_approval(study.file, root=study.root, from_on=BEGIN, halfway="old", consent_anew=False)
+    amendment.record(study.file, planned, root=study.root)
+    change(study, "vibration_peak_m_s2 = 25.0", "vibration_peak_m_s2 = 24.0")
+    with pytest.raises(RosterError, match=str(BEGIN)):
+        earlier = BEGIN - timedelta(days=1)
+        amendment.plan_approval(study.file, root=study.root, from_on=earlier, halfway="old", consent_anew=False)
+    amendment.stop(study.file, "ended", date(2089, 1, 1), "letter", root=study.root)
+    with pytest.raises(RosterError, match="2089-01-01"):
+        amendment.plan_approval(study.file, root=study.root, halfway="old", consent_anew=False)
+
+
+def test_an_interrupted_amendment_is_not_anchored(study: MadeStudy) -> None:
+    change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
+    orphan = storage.protocol_path(study.root, 2)
+    shutil.copy(study.file, orphan)
+    shutil.copy(approval.seal_path(study.file), approval.seal_path(orphan))
+    assert checks.anchor(study.root).seal_sha256 == journal.read(study.journal()).header.seal_sha256
+
+
+def test_nobody_is_enrolled_under_a_suspension(study: MadeStudy) -> None:
+    amendment.stop(study.file, "suspended", date.today(), "letter", root=study.root)
+    with pytest.raises(RosterError, match="suspended"):
+        enrolment.enrol(study.file, "03", date.today(), root=study.root, seed=None)
+    assert "03" not in Roster.load(storage.roster_path(study.root)).consent_on
+
+
+@pytest.mark.parametrize(("place", "remedy"), [(0, "leave out --task"), (1, "no task is left")])
+def test_whose_session_was_ended_hears_what_is_left(study: MadeStudy, place: int, remedy: str) -> None:
+    own = study.tasks[0]
+    if place:
+        study.run(study.header(own.participant, own.tasks[1]), keys="c")
+    change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
+    planned = amendment.plan_approval(study.file, root=study.root, halfway="new", consent_anew=False)
+    amendment.record(study.file, planned, root=study.root)
+    with pytest.raises(RosterError, match=remedy):
+        admit(study.root, study.file, study.protocol, own, own.tasks[place], "rig.toml", date.today())
