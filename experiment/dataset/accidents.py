@@ -5,23 +5,25 @@ git-annex and Git LFS leave pointers in place of files; programs that synchronis
 modes. None of these is an edit of what a participant answered.
 """
 
+import hashlib
 import os
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from palpate.experiment import storage
-from palpate.experiment.errors import Finding
+from palpate.experiment.errors import Finding, Remedy
 from palpate.experiment.study import privacy
 
 CHECK = "accidents"
 """The name of the check that its findings have."""
 
-TEXTS = (".jsonl", ".head", ".toml", ".json", ".tsv", ".csv", ".log")
-"""The ends of names of files whose lines end in LF alone when palpate writes them."""
+TEXTS = (".jsonl", ".head", ".tsv", ".log")
+"""The ends of names of files that palpate writes with LF alone, and reads with nothing else."""
 
-POINTERS = (b"/annex/objects/", b"version https://git-lfs.github.com/")
+ANNEXED, ON_LFS = b"/annex/objects/", b"version https://git-lfs.github.com/"
 """How a file begins that stands for another one."""
 
 COPY = re.compile(
@@ -49,43 +51,54 @@ def keep_attributes(root: Path, label: str) -> None:
 def accidents(root: Path) -> Iterator[Finding]:
     """Yield each accident that is recognized, with its file by the path inside the dataset.
 
-    A file that cannot be used as it is has the verdict `refuses`, any other `unknown`.
+    A file of palpate that is not there or cannot be read has the verdict `refuses`, any other `unknown`.
     """
     files = [path for path in sorted(root.rglob("*")) if not {".git", "derivatives"} & {*path.relative_to(root).parts}]
+    own = {root / name for name in privacy.unknown_files(root)}
     for path in files:
         if path.is_symlink() or path.is_file():
-            yield from _of_file(root, path)
+            yield from _of_file(root, path, known=path not in own)
     yield from _copies(root)
     yield from _other_forms(files, root)
     if storage.roster_path(root).exists() and (warning := privacy.readers_warning(root)):
-        yield _accident(f"{warning} Archives and copies lose modes", root / "sourcedata", root, refuses=False)
+        yield _accident(f"{warning} Archives and copies lose modes", root / "sourcedata", root)
 
 
-def _of_file(root: Path, path: Path) -> Iterator[Finding]:
-    fetch = "fetch it (git annex get, datalad get or git lfs pull), then verify again"
+def _of_file(root: Path, path: Path, *, known: bool) -> Iterator[Finding]:
+    git, name = ("git", "-C", str(root)), path.relative_to(root).as_posix()
+    annexed = Remedy("fetch it, then verify again: {}", (*git, "annex", "get", name))
     if path.is_symlink() and not path.exists():
-        annexed = "annex" in path.readlink().parts
-        what = (
-            "is a link to an annexed file that was not fetched" if annexed else "is a link to a file that is not there"
-        )
-        yield _accident(what, path, root, fetch if annexed else "bring the file with the dataset")
+        what, remedy = "is a link to a file that is not there", "bring the file with the dataset"
+        if "annex" in path.readlink().parts:
+            yield _accident("is a link to an annexed file that was not fetched", path, root, annexed, refuses=known)
+        else:
+            yield _accident(what, path, root, remedy, refuses=known)
         return
     if not os.access(path, os.R_OK):
-        yield _accident("may not be read: its mode was lost", path, root, f"give it back: chmod u+rw {path.name}")
+        again = Remedy("restore them: {}", ("chmod", "u+rw", str(path)))
+        yield _accident("cannot be read: its permissions were lost", path, root, again, refuses=known)
         return
     with path.open("rb") as file:
         start = file.read(64)
-    if start.startswith(POINTERS):
-        yield _accident("is a pointer to an annexed file that was not fetched", path, root, fetch)
-    elif path.suffix in TEXTS and path.parent != root / storage.RECORDINGS and _has_other_line_ends(path):
+    if start.startswith((ANNEXED, ON_LFS)):
+        fetch = Remedy("fetch it, then verify again: {}", (*git, "lfs", "pull", "--include", name))
+        what = "is a pointer to a file that was not fetched"
+        yield _accident(what, path, root, annexed if start.startswith(ANNEXED) else fetch, refuses=known)
+    elif known and path.parent != root / storage.RECORDINGS and _has_other_line_ends(path):
         what = "has other line ends: CR LF in place of LF, as of Git or a transfer in text mode"
-        again = "set git config core.autocrlf false and check it out again, or copy it again in binary mode"
-        yield _accident(what, path, root, again)
+        words = "have Git change none ({}) and check it out again, or copy it again in binary mode"
+        yield _accident(what, path, root, Remedy(words, (*git, "config", "core.autocrlf", "false")))
 
 
 def _has_other_line_ends(path: Path) -> bool:
+    """Return whether lines end in CR LF that did not from the start: a lab's own table by its hash in a rig file."""
+    if path.suffix not in (*TEXTS, ".csv"):
+        return False
     data = storage.read_bytes(path)
-    return 0 < data.count(b"\n") == data.count(b"\r\n")
+    if not 0 < data.count(b"\n") == data.count(b"\r\n"):
+        return False
+    was = hashlib.sha256(data.replace(b"\r\n", b"\n")).hexdigest().encode()
+    return path.suffix in TEXTS or any(was in storage.read_bytes(rig) for rig in path.parent.glob("*.toml"))
 
 
 def _copies(root: Path) -> Iterator[Finding]:
@@ -94,7 +107,7 @@ def _copies(root: Path) -> Iterator[Finding]:
         path = root / name
         system = "macOS" if path.name.startswith("._") else OF_SYSTEMS.get(path.name)
         if system:
-            yield _accident(f"was left by {system}, and holds no data", path, root, "delete it", refuses=False)
+            yield _accident(f"was left by {system}, and holds no data", path, root, _delete(path))
             continue
         stem, dot, ending = path.name.rpartition(".")
         marked = next((one for one in COPY.finditer(stem) if one.end() == len(stem) or stem[one.end()] == "."), None)
@@ -103,9 +116,13 @@ def _copies(root: Path) -> Iterator[Finding]:
             continue
         same = path.is_file() and path.read_bytes() == original.read_bytes()
         other = original.name
-        remedy = "delete it" if same else f"compare both, keep the one that is whole as {other}, and take this one out"
-        what = f"is a copy of {other} by a program that synchronises folders, and {'the same' if same else 'another'}"
-        yield _accident(what, path, root, remedy, refuses="_journal" in path.name)
+        compare = f"compare both, keep the one that is whole as {other}, and take this one out"
+        what = f"is {'an identical copy' if same else 'another version'} of {other}, made by a sync program"
+        yield _accident(what, path, root, _delete(path) if same else compare)
+
+
+def _delete(path: Path) -> Remedy:
+    return Remedy("delete it", ("rm", str(path)))
 
 
 def _other_forms(files: Sequence[Path], root: Path) -> Iterator[Finding]:
@@ -114,25 +131,29 @@ def _other_forms(files: Sequence[Path], root: Path) -> Iterator[Finding]:
         composed = unicodedata.normalize("NFC", path.name)
         if path.name != composed and not path.with_name(composed).exists():
             what = "has its name in another Unicode form (decomposed, as of macOS)"
-            yield _accident(what, path, root, "rename it: convmv -f utf-8 -t utf-8 --nfc --notest")
+            command = ("convmv", "-f", "utf-8", "-t", "utf-8", "--nfc", "--notest", str(path))
+            yield _accident(what, path, root, Remedy("rename it", command))
 
 
-def _accident(what: str, path: Path, root: Path, remedy: str = "", *, refuses: bool = True) -> Finding:
+def _accident(what: str, path: Path, root: Path, remedy: Remedy | str = "", *, refuses: bool = False) -> Finding:
     where = path.relative_to(root).as_posix()
     return Finding(what, where, remedy=remedy, verdict="refuses" if refuses else "unknown", check=CHECK)
 
 
 def with_accidents(root: Path, findings: Sequence[Finding]) -> list[Finding]:
     """Return the findings of a dataset, each refusal that an accident explains replaced by that accident."""
-    found = list(accidents(root))
-    kept = [one for one in findings if one.verdict != "refuses" or not any(_explains(each, one) for each in found)]
+    refusals = [one for one in findings if one.refuses]
+    found = [
+        replace(one, verdict="refuses") if any(_explains(one, refusal) for refusal in refusals) else one
+        for one in accidents(root)
+    ]
+    kept = [one for one in findings if not one.refuses or not any(_explains(each, one) for each in found)]
     return [*kept, *found]
 
 
 def _explains(accident: Finding, refusal: Finding) -> bool:
-    """Return whether a refusal is of the same file, of a folder that holds it, or of the same session's journal."""
-    name, of = str(accident.where), str(refusal.where)
-    session = re.sub(r"_(journal\.\w+|rig\.toml|foot\.cobs)$", "", name)
-    return accident.verdict == "refuses" and (
-        name == of or name.startswith(f"{of}/") or (session != name and of.startswith(f"{session}_"))
-    )
+    """Return whether a refusal is of the same file, of a journal and its head, or of recordings among which it is."""
+    name, of = unicodedata.normalize("NFC", str(accident.where)), str(refusal.where)
+    chained = {re.sub(r"\.(jsonl|head)$", "", one) for one in (name, of)}
+    folder = storage.RECORDINGS.as_posix()
+    return len(chained) == 1 or (of == folder and name.startswith(f"{folder}/"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import shutil
 import unicodedata
 from collections.abc import Callable
@@ -13,6 +15,7 @@ from syrupy.assertion import SnapshotAssertion
 import palpate
 from palpate.experiment import storage
 from palpate.experiment.dataset import accidents, build, checks, verify
+from palpate.experiment.errors import Remedy
 from palpate.experiment.study import privacy
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.faults.wrong import copied
@@ -67,11 +70,11 @@ CASES: dict[str, tuple[str, Callable[[Path], Path], str]] = {
     "line ends of a journal": (f"{JOURNAL}.jsonl", line_ends, "refuses"),
     "line ends of a head": (f"{JOURNAL}.head", line_ends, "refuses"),
     "line ends of the roster": ("sourcedata/roster.jsonl", line_ends, "refuses"),
-    "line ends of the seal": ("sourcedata/protocol.seal.toml", line_ends, "refuses"),
     "line ends of a table": ("sub-01/beh/sub-01_task-virtual_events.tsv", line_ends, "refuses"),
     "a file of macOS": (f"{JOURNAL}.jsonl", apple, "unknown"),
     "an annexed file": (f"{JOURNAL}.jsonl", not_fetched, "refuses"),
     "an annexed table": ("sub-01/beh/sub-01_task-virtual_events.tsv", not_fetched, "refuses"),
+    "a pointer to a rig": ("sourcedata/sub-01/sub-01_task-virtual_rig.toml", pointer, "refuses"),
     "an LFS pointer": ("sourcedata/sub-01/sub-01_task-virtual_foot.cobs", pointer, "refuses"),
     "Dropbox": (f"{JOURNAL}.jsonl", beside(f"{Path(JOURNAL).name} (A's conflicted copy 2026-01-01).jsonl"), "refuses"),
     "Syncthing": (
@@ -81,7 +84,7 @@ CASES: dict[str, tuple[str, Callable[[Path], Path], str]] = {
     ),
     "a download": ("participants.tsv", beside("participants (1).tsv"), "unknown"),
     "OneDrive": ("participants.tsv", beside("participants-DESKTOP-A1B2.tsv"), "unknown"),
-    "another Unicode form": ("sourcedata/protocol.toml", other_form, "refuses"),
+    "another Unicode form": ("sourcedata/protocol.toml", other_form, "unknown"),
 }
 
 
@@ -95,6 +98,48 @@ def test_an_accident_has_its_name_and_no_other_finding_speaks_against_the_datase
     assert [one for one in report.findings if one.verdict == "refuses"] == [
         one for one in found if verdict == "refuses"
     ]
+
+
+def test_line_ends_that_no_hash_knows_are_no_accident(root: Path) -> None:
+    own = [
+        "sourcedata/protocol.toml",
+        "sourcedata/protocol.seal.toml",
+        "sourcedata/sub-01/sub-01_task-virtual_rig.toml",
+    ]
+    for name in own:
+        line_ends(root / name)
+    (root / "notes.tsv").write_bytes(b"a\r\nb\r\n")
+    report = verify.verify(root)
+    assert report.refused == 0
+    assert not {*own, "notes.tsv"} & {one.where for one in report.findings if one.check == accidents.CHECK}
+
+
+@pytest.mark.parametrize(("named", "lost"), [(b"1\r\n2\r\n", False), (b"1\n2\n", True)])
+def test_line_ends_of_a_labs_own_table_are_those_that_its_rig_file_names(named: bytes, lost: bool, root: Path) -> None:
+    table = root / "sourcedata/sub-01/response.csv"
+    table.write_bytes(b"1\r\n2\r\n")
+    table.with_name("own_rig.toml").write_text(f'response_sha256 = "{hashlib.sha256(named).hexdigest()}"\n', "utf-8")
+    found = [one.where for one in accidents.accidents(root)]
+    assert ("sourcedata/sub-01/response.csv" in found) is lost
+
+
+@pytest.mark.parametrize("harm", [pointer, not_fetched])
+def test_an_accident_explains_no_edit_of_the_same_session(harm: Callable[[Path], Path], root: Path) -> None:
+    harm(root / "sourcedata/sub-01/sub-01_task-virtual_rig.toml")
+    path = root / f"{JOURNAL}.jsonl"
+    path.write_bytes(path.read_bytes().replace(b'"answered"', b'"Answered"', 1))
+    report = verify.verify(root)
+    refused = {one.where: one.check for one in report.findings if one.refuses}
+    assert refused[f"{JOURNAL}.jsonl"] != accidents.CHECK == refused["sourcedata/sub-01/sub-01_task-virtual_rig.toml"]
+    assert "Keep the folder as it is" in report.verdict[0]
+
+
+def test_lost_permissions_are_restored_by_a_command_for_that_file(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = root / "participants.tsv"
+    monkeypatch.setattr(os, "access", lambda one, _: one != path)
+    (found,) = [one for one in accidents.accidents(root) if one.where == "participants.tsv"]
+    assert isinstance(found.remedy, Remedy)
+    assert (found.verdict, found.remedy.command) == ("refuses", ("chmod", "u+rw", str(path)))
 
 
 def test_lost_modes_are_said(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,9 +165,10 @@ def test_a_dataset_tells_git_to_change_no_line_ends_and_keeps_what_a_lab_wrote(r
 
 def test_accidents_are_told_with_their_remedies(root: Path, approved: SnapshotAssertion) -> None:
     line_ends(root / "sourcedata/roster.jsonl")
+    other_form(root / "sourcedata/protocol.toml")
     not_fetched(storage.foot_path(root / f"{JOURNAL}.jsonl"))
     apple(root / "participants.tsv")
     beside("participants (1).tsv")(root / "participants.tsv")
     report = verify.verify(root)
-    told = [one.sentence() for one in report.findings if one.check == accidents.CHECK]
+    told = [one.sentence().replace(str(root), "ROOT") for one in report.findings if one.check == accidents.CHECK]
     assert [*told, *report.verdict] == approved
