@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,10 @@ if TYPE_CHECKING:
 
 
 def read_versions(root: Path, facts: Mapping[str, Any]) -> tuple[Version, ...]:
-    """Return the versions of an amended protocol, oldest first; none where it was not amended."""
+    """Return the versions of an amended protocol, oldest first; none where it was not amended.
+
+    Raises `DatasetError` for a session in two versions, and for what is no such list.
+    """
     if not (stated := facts.get("Versions")):
         return ()
     from palpate.experiment.protocol import files
@@ -27,6 +31,9 @@ def read_versions(root: Path, facts: Mapping[str, Any]) -> tuple[Version, ...]:
     except (KeyError, TypeError) as error:
         path = root / "dataset_description.json"
         raise DatasetError(path, "Versions lacks Protocol or Sessions", "make the dataset again") from error
+    for session, times in Counter(one for own in sessions for one in own).items():
+        if times > 1:
+            raise _other_sessions(f"sub-{session[0]}_task-{session[1]} in {times} versions", root)
     return tuple(
         Version(file, files.load(root / "sourcedata" / Path(file).name), own)  # type: ignore[arg-type]
         for (file, _), own in zip(listed, sessions, strict=True)
@@ -36,10 +43,15 @@ def read_versions(root: Path, facts: Mapping[str, Any]) -> tuple[Version, ...]:
 def apply_rules(
     attempts: pd.DataFrame, withdrawn: Mapping[str, bool], protocol: Protocol | None, versions: Sequence[Version]
 ) -> tuple[pd.DataFrame, tuple[Exclusion, ...], tuple[Unasked, ...]]:
-    """Return the attempts with what is included by the rules of each session's own version, and what is not."""
+    """Return the attempts with what is included by the rules of each session's own version, and what is not.
+
+    Raises `DatasetError` for a session in no version.
+    """
     if not versions:
         return attempts, *_by_rules(attempts, withdrawn, protocol)
     of = list(zip(attempts["participant"], attempts["task"], strict=True))
+    if missing := set(of).difference(*(version.sessions for version in versions)):
+        raise _other_sessions(f"sub-{min(missing)[0]}_task-{min(missing)[1]} in none")
     present, parts = set(attempts["participant"]), []
     for version in versions:
         own = attempts[[session in version.sessions for session in of]].copy()
@@ -52,6 +64,11 @@ def apply_rules(
     whole = {one.participant for one in exclusions if one.task == ALL_TASKS}
     pooled.loc[pooled["participant"].isin(whole), "included"] = False
     return pooled, exclusions, tuple(one for *_, found in parts for one in found)
+
+
+def _other_sessions(got: str, root: Path = Path()) -> DatasetError:
+    path, allowed = root / "dataset_description.json", "each session in one version"
+    return DatasetError(path, f"got {got}", "make the tables again", field="Palpate.Versions", allowed=allowed)
 
 
 def _by_rules(

@@ -5,6 +5,7 @@ keys.
 """
 
 import gzip
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -114,15 +115,16 @@ def table(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> bytes
     return ("\n".join(lines) + "\n").encode()
 
 
-OURS = ("Name", "BIDSVersion", "DatasetType", "GeneratedBy", "Palpate")
+WRITTEN = ("Name", "BIDSVersion", "DatasetType", "GeneratedBy", "Palpate")
 """The keys of `dataset_description.json` that palpate writes; all others are the laboratory's once they are there."""
 
 
 def description(root: Path, text: DatasetText) -> Files:
     """Return `dataset_description.json` and `README`; the label of what is no data of a study leads both.
 
-    What a laboratory wrote there stays: every key but `OURS`, and the README, which begins with the label if
-    there is one. Raises `DatasetError` for `Authors` or others that are no texts, as BIDS wants them.
+    What a laboratory wrote there stays: every key but those `WRITTEN` here, and the README, which begins with the label
+    if there is one. Raises `DatasetError` for a description that is no JSON, and for `Authors` or others that are no
+    texts, as BIDS wants them.
     """
     label = LABELS[text.origin]
     name = _labelled(text.name, text.origin)
@@ -166,12 +168,18 @@ def description(root: Path, text: DatasetText) -> Files:
 
 
 def _laboratorys(path: Path) -> dict[str, Any]:
-    """Return the keys of a description that are the laboratory's; none of a file that is no JSON object."""
+    """Return the keys of a description that are the laboratory's. Raises `DatasetError` where they cannot be read."""
+    remedy = "correct it, for what a laboratory wrote there stays; or delete it, and it is made anew"
     try:
         found = storage.json_of(storage.read_bytes(path))
-    except (OSError, ValueError):
+    except FileNotFoundError:
         return {}
-    kept = {key: value for key, value in found.items() if key not in OURS} if isinstance(found, dict) else {}
+    except (OSError, ValueError) as error:
+        line = error.lineno if isinstance(error, json.JSONDecodeError) else None
+        raise DatasetError(path, f"cannot be read ({storage.why(error)})", remedy, line=line) from error
+    if not isinstance(found, dict):
+        raise DatasetError(path, "cannot be read (no JSON object)", remedy)
+    kept = {key: value for key, value in found.items() if key not in WRITTEN}
     for key in LISTS:
         value = kept.get(key, [])
         if not (isinstance(value, list) and all(isinstance(one, str) for one in value)):

@@ -420,7 +420,8 @@ def _foreign(path: Path, got: str, allowed: str) -> DatasetError:
 
 def _check_enrolment(path: Path, header: Header, roster: Roster, known: Approvals, protocol: Protocol) -> None:
     """Refuse a session of somebody who had not enrolled and consented before, or had withdrawn, or without approval."""
-    days = _days(header)
+    began = datetime.fromisoformat(header.started_utc)
+    days = _days(began)
     try:
         then = roster.as_of(header.roster_sha256)
         then.may_run(header.participant, protocol, approved_on=date.min, today=date.max)
@@ -429,7 +430,9 @@ def _check_enrolment(path: Path, header: Header, roster: Roster, known: Approval
         consent_on = roster.consents[header.participant][count - 1] if count else None
         rosters.check_consent(header.participant, consent_on, approved_on=_first_day(known), today=days[-1])
         if header.seal_sha256 is not None:
-            _check_approval(header, then, then.approvals(known.approved[0]), days)
+            # The machine's clock may have been set back after the last line of the roster.
+            lines = [datetime.fromisoformat(clock.utc(link.t_ns)) for link in then.lines.links[-1:]]
+            _check_approval(header, then, then.approvals(known.approved[0]), _days(max([began, *lines])))
     except RosterError as error:
         if error.finding.where == roster.path:
             # The roster was cut; the sessions that began under its last lines are as they were.
@@ -438,10 +441,9 @@ def _check_enrolment(path: Path, header: Header, roster: Roster, known: Approval
         raise RosterError.at(replace(error.finding, where=path, what=what)) from error
 
 
-def _days(header: Header) -> tuple[date, ...]:
-    """Return the days that it may have been where a session began."""
-    began = datetime.fromisoformat(header.started_utc)
-    return tuple(dict.fromkeys((began + ahead).date() for ahead in (FARTHEST_WEST, timedelta(0), FARTHEST_EAST)))
+def _days(moment: datetime) -> tuple[date, ...]:
+    """Return the days that it may have been at a moment where a session was run."""
+    return tuple(dict.fromkeys((moment + ahead).date() for ahead in (FARTHEST_WEST, timedelta(0), FARTHEST_EAST)))
 
 
 def _first_day(known: Approvals) -> date:
@@ -454,7 +456,6 @@ def _check_approval(header: Header, roster: Roster, known: Approvals, days: tupl
     if (one.seal_sha256, one.protocol_sha256) != (header.seal_sha256, header.protocol_sha256):
         what = f"it names the seal {str(header.seal_sha256)[:12]}, which no approval had that was on record then"
         raise RosterError(what, remedy="if a seal was changed or replaced, restore it from a backup")
-    days = tuple(map(roster.known_day, days))
     if all(known.stop(day) for day in days):
         raise RosterError("the approval was suspended or had ended")
     if all(day < one.from_on or day > one.expires_on for day in days):

@@ -284,9 +284,9 @@ def status(given: Path, today: date) -> Status:
         elif begun:
             state = "done" if len([one for one in begun if one.complete]) == len(order) else "under way"
         people.append(Person(participant, order, state, begun))
-    sealed, wanted = (
-        ("Nobody has to approve a simulation.", []) if known is None else _seal(root, protocol_file, dataset, today)
-    )
+    sealed, wanted = "Nobody has to approve a simulation.", list[Finding]()
+    if known is not None:
+        sealed, wanted = _seal(root, protocol_file, dataset, people, today)
     keep_until = _keep_until(dataset, people)
     left = [label for label in dataset.tasks if known is not None and label not in known.consent_on]
     if known is not None and not left and not doubts and enrolment.free_place(root, protocol, known):
@@ -314,7 +314,9 @@ def status(given: Path, today: date) -> Status:
     )
 
 
-def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date) -> tuple[str, list[Finding]]:
+def _seal(
+    root: Path, protocol_file: Path | None, dataset: Dataset, people: Sequence[Person], today: date
+) -> tuple[str, list[Finding]]:
     """Return the approval in a sentence, and what to do about it, by the seal that `palpate run` would check."""
     known = dataset.approvals
     if known is not None and (stop := known.stop(today)) is not None:
@@ -325,7 +327,7 @@ def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date)
     version = files.load(file)
     told, _ = sealing.state(file, version, today)
     wanted = []
-    if protocol_file and approval.sha256(version) != approval.sha256(dataset.protocol):
+    if protocol_file and approval.sha256(version) not in _in_force(dataset, people, today):
         what = f"{file} is another version of the protocol than the dataset's, so no session can be run with it"
         words = "if the board approved it for this study, seal it, then run {}"
         amend = ("palpate", "amend", str(file), "--dataset", str(root))
@@ -344,12 +346,28 @@ def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date)
     return f"Sealed until {seal.expires_on}, approval number {seal.approval_number}.", wanted
 
 
+def _in_force(dataset: Dataset, people: Sequence[Person], today: date) -> set[str]:
+    """Return the hashes of the versions that somebody is run under now, or may be later."""
+    known = dataset.approvals
+    if known is None or dataset.roster is None:
+        return {approval.sha256(dataset.protocol)}
+    on = dataset.roster.known_day(today)
+    found = [*known.started_by(on)[-1:], *(one for one in known.approved if one.from_on > on)]
+    for one in people:
+        if one.state not in ("done", "withdrawn"):
+            visit = max((known.number_of(session.header.seal_sha256) for session in one.begun), default=None)
+            session = known.number_of(one.task.header.seal_sha256) if one.task else None
+            found += [covering] if (covering := known.covering(on, visit=visit, session=session)) else []
+    return {one.protocol_sha256 for one in found}
+
+
 def _consent_anew(root: Path, dataset: Dataset, today: date) -> Iterator[Finding]:
     """Tell who has to consent to an amendment before their next session."""
     if dataset.roster is None or dataset.approvals is None:
         return
-    for who in amendment.to_consent_anew(root, dataset.approvals, dataset.roster, today):
-        file = storage.protocol_path(root, dataset.approvals.started_by(today)[-1].number)
+    on = dataset.roster.known_day(today)
+    for who in amendment.to_consent_anew(root, dataset.approvals, dataset.roster, on):
+        file = storage.protocol_path(root, dataset.approvals.started_by(on)[-1].number)
         given = ("--participant", who, "--consent-on", "DAY", "--dataset", str(root))
         words = f"Participant {who} consents to the amendment before their next session: {{}}"
         yield Finding("", remedy=Remedy(words, ("palpate", "consent", str(file), *given)))

@@ -210,7 +210,7 @@ def _without_approval(held: Dataset, known: Approvals) -> Iterator[Finding]:
     for path, header in held.sessions:
         on, where = date.fromisoformat(header.started_utc[:10]), path.relative_to(held.root).as_posix()
         one = known.approved[known.number_of(header.seal_sha256) - 1]
-        if not one.approved_on - A_DAY <= on <= one.expires_on + A_DAY:
+        if on + A_DAY < one.approved_on or one.expires_on < on - A_DAY:
             days = f"approval {one.number} was valid from {one.approved_on} to {one.expires_on}"
             text = f"began on {on}, and {days}: a renewal was not recorded, or the session had no approval"
             yield Finding(text, where, verdict="warns")

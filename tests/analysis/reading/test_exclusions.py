@@ -17,7 +17,7 @@ from palpate.experiment.protocol.models import ExclusionRule
 from tests.analysis.datasets import balanced, trial, write_dataset
 
 
-def _attempts() -> pd.DataFrame:
+def attempts_of_two() -> pd.DataFrame:
     return pd.DataFrame(
         [
             {
@@ -39,7 +39,7 @@ def _attempts() -> pd.DataFrame:
     )
 
 
-def _rule(when: str, limit: float | None, action: str = "exclude-trial") -> ExclusionRule:
+def rule(when: str, limit: float | None, action: str = "exclude-trial") -> ExclusionRule:
     return ExclusionRule.model_validate(
         {"id": when, "when": when, "limit": limit, "action": action, "reason": f"the reason of {when}"}
     )
@@ -49,7 +49,7 @@ NOBODY = {"1": False, "2": False}
 
 
 def test_without_rules_nothing_is_left_out() -> None:
-    attempts = _attempts()
+    attempts = attempts_of_two()
     assert exclude(attempts, NOBODY, ()) == ((), ())
     assert attempts["included"].all()
 
@@ -59,8 +59,8 @@ def test_without_rules_nothing_is_left_out() -> None:
     [("frames-lost", 3, {4}), ("speed-below", 150, {1}), ("speed-above", 300, {4}), ("frames-lost", 4, set())],
 )
 def test_a_rule_on_trials_leaves_out_what_lies_beyond_its_limit(when: str, limit: float, trials: set[int]) -> None:
-    attempts = _attempts()
-    found, _ = exclude(attempts, NOBODY, [_rule(when, limit)])
+    attempts = attempts_of_two()
+    found, _ = exclude(attempts, NOBODY, [rule(when, limit)])
     assert {exclusion.trial for exclusion in found} == trials
     assert set(attempts[~attempts["included"]]["trial"]) == trials
     assert len(found) == (~attempts["included"]).sum()
@@ -70,16 +70,16 @@ def test_a_rule_on_trials_leaves_out_what_lies_beyond_its_limit(when: str, limit
 
 
 def test_a_missing_value_is_beyond_no_limit_and_is_counted() -> None:
-    attempts = _attempts()
-    _, unasked = exclude(attempts, NOBODY, [_rule("frames-lost", 0)])
+    attempts = attempts_of_two()
+    _, unasked = exclude(attempts, NOBODY, [rule("frames-lost", 0)])
     assert set(attempts[attempts["included"]]["task"]) == {"real"}
     assert unasked == tuple(Unasked(who, "real", "frames-lost", "frames lost", 4, 4) for who in "12")
 
 
 def test_a_rule_is_asked_of_what_is_left() -> None:
     """Of trials 3 and 4 of everyone it is not known whether they were delivered; one rule before takes the fourth."""
-    rules = [_rule("speed-above", 300), _rule("undelivered", None), _rule("undelivered", None, "repeat-trial")]
-    _, unasked = exclude(_attempts(), {"1": True, "2": False}, rules)
+    rules = [rule("speed-above", 300), rule("undelivered", None), rule("undelivered", None, "repeat-trial")]
+    _, unasked = exclude(attempts_of_two(), {"1": True, "2": False}, rules)
     assert [(one.participant, one.task, one.trials, one.of) for one in unasked] == [
         ("2", "virtual", 1, 3),
         ("2", "real", 1, 3),
@@ -87,7 +87,7 @@ def test_a_rule_is_asked_of_what_is_left() -> None:
 
 
 def test_nobody_asks_whether_a_real_object_was_delivered() -> None:
-    _, unasked = exclude(_attempts(), NOBODY, [_rule("undelivered", None)], with_objects=["real"])
+    _, unasked = exclude(attempts_of_two(), NOBODY, [rule("undelivered", None)], with_objects=["real"])
     assert [(one.participant, one.task) for one in unasked] == [("1", "virtual"), ("2", "virtual")]
 
 
@@ -109,48 +109,48 @@ def test_the_report_counts_trials_of_which_a_rule_could_not_be_asked(
     rows = balanced(1)
     rows[0]["foot_speed"], rows[1]["foot_speed"] = 900.0, 150.0
     study = read(write_dataset(tmp_path, {"1": {"real": rows}}))
-    exclusions, unasked = exclude(study.attempts, {"1": False}, [_rule("speed-above", 300)])
+    exclusions, unasked = exclude(study.attempts, {"1": False}, [rule("speed-above", 300)])
     said = exclusions_section(replace(study, exclusions=exclusions, unasked=unasked)).paragraphs
     assert said == approved
     assert exclusions_section(replace(study, exclusions=(), unasked=unasked)).paragraphs[1] == said[1]
 
 
 def test_undelivered_trials_are_left_out_where_the_protocol_says_so() -> None:
-    attempts = _attempts()
-    found, _ = exclude(attempts, NOBODY, [_rule("undelivered", None)])
+    attempts = attempts_of_two()
+    found, _ = exclude(attempts, NOBODY, [rule("undelivered", None)])
     assert {(exclusion.trial, exclusion.reason) for exclusion in found} == {(2, "the reason of undelivered")}
     assert set(attempts[~attempts["included"]]["trial"]) == {2}
-    assert exclude(_attempts(), NOBODY, [_rule("undelivered", None, "repeat-trial")]) == ((), ())
+    assert exclude(attempts_of_two(), NOBODY, [rule("undelivered", None, "repeat-trial")]) == ((), ())
 
 
 def test_repeated_trials_were_dealt_with_in_the_session() -> None:
-    attempts = _attempts()
-    assert exclude(attempts, NOBODY, [_rule("speed-above", 1, "repeat-trial")]) == ((), ())
+    attempts = attempts_of_two()
+    assert exclude(attempts, NOBODY, [rule("speed-above", 1, "repeat-trial")]) == ((), ())
 
 
 def test_few_answers_leave_out_the_participant_everywhere() -> None:
-    attempts = _attempts()
-    found, _ = exclude(attempts, NOBODY, [_rule("answers-below", 3, "exclude-participant")])
+    attempts = attempts_of_two()
+    found, _ = exclude(attempts, NOBODY, [rule("answers-below", 3, "exclude-participant")])
     reason = "the reason of answers-below (2 answered trials in real, limit 3)"
     assert found == (Exclusion("2", ALL_TASKS, None, None, "answers-below", reason),)
     assert set(attempts[attempts["included"]]["participant"]) == {"1"}
 
 
 def test_answers_are_counted_after_trials_were_left_out() -> None:
-    rules = [_rule("answers-below", 3, "exclude-participant"), _rule("speed-above", 200)]
-    found, _ = exclude(_attempts(), NOBODY, rules)
+    rules = [rule("answers-below", 3, "exclude-participant"), rule("speed-above", 200)]
+    found, _ = exclude(attempts_of_two(), NOBODY, rules)
     assert [(e.participant, e.trial) for e in found if e.rule == "answers-below"] == [("1", None), ("2", None)]
 
 
 def test_a_withdrawal_leaves_out_everything_even_without_a_rule() -> None:
-    attempts = _attempts()
+    attempts = attempts_of_two()
     left_out = Exclusion("1", ALL_TASKS, None, None, "withdrawn", "withdrew")
     assert exclude(attempts, {"1": True, "2": False}, ()) == ((left_out,), ())
     assert set(attempts[attempts["included"]]["participant"]) == {"2"}
 
 
 def test_a_withdrawal_carries_the_reason_of_the_protocol() -> None:
-    (found,), _ = exclude(_attempts(), {"1": True, "2": False}, [_rule("withdrawn", None, "exclude-participant")])
+    (found,), _ = exclude(attempts_of_two(), {"1": True, "2": False}, [rule("withdrawn", None, "exclude-participant")])
     assert found.reason == "the reason of withdrawn"
 
 
@@ -167,10 +167,10 @@ def test_attempts_done_again_and_absent_participants_are_listed(tmp_path: Path) 
 
 
 def test_when_nothing_is_left_each_rule_stands_once(approved: SnapshotAssertion) -> None:
-    attempts = _attempts()
+    attempts = attempts_of_two()
     attempts["answered"] = "(none)"
     attempts.loc[attempts["trial"] == 1, "answered"] = attempts["participant"].map({"1": "sand", "2": "(none)"})
-    found, _ = exclude(attempts, NOBODY, [_rule("answers-below", 3, "exclude-participant")])
+    found, _ = exclude(attempts, NOBODY, [rule("answers-below", 3, "exclude-participant")])
     assert not attempts["included"].any()
     again = Exclusion("1", "real", 2, 1, "done again", "attempt 1 was done again: slipped")
     gone = Exclusion("3", ALL_TASKS, None, None, "withdrawn", "withdrew")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from datetime import date
+import shutil
+from datetime import date, timedelta
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,7 @@ from syrupy.assertion import SnapshotAssertion
 import palpate as library
 from palpate.experiment import storage
 from palpate.experiment.dataset import status, verify
-from palpate.experiment.errors import PalpateError
+from palpate.experiment.errors import PalpateError, Remedy
 from palpate.experiment.protocol import files
 from palpate.experiment.study import amendment
 from palpate.experiment.study.admission import admit
@@ -52,6 +54,14 @@ def changed(study: MadeStudy, palpate: Palpate) -> tuple[object, ...]:
     return "amend", study.file, "--dataset", study.root
 
 
+def to_consent(study: MadeStudy, today: date) -> list[str]:
+    """Whom a reminder names who has to consent to an amendment."""
+    commands = [
+        one.remedy.command for one in status.status(study.root, today).reminders if isinstance(one.remedy, Remedy)
+    ]
+    return [command[command.index("--participant") + 1] for command in commands if command[1] == "consent"]
+
+
 def test_a_study_is_amended_after_it_was_shown_what_differs(
     study: MadeStudy, palpate: Palpate, tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
@@ -64,8 +74,7 @@ def test_a_study_is_amended_after_it_was_shown_what_differs(
     assert [told(err, study), told(said[1], study)] == approved
     assert page.read_text("utf-8").count("<tr>") == 3
     assert verify.verify(study.root).refused == 0
-    on = date.today()
-    assert [one.clause() for one in status.status(study.root, on).reminders if "amendment" in one.clause()][2:] != []
+    assert to_consent(study, date.today()) == ["01", "02", "03"]
     (part,) = library.read(study.root).parts
     assert [(one.file, len(one.sessions)) for one in part.versions] == [("protocol.toml", 2), ("protocol-2.toml", 0)]
     assert part.protocol == part.versions[-1].protocol
@@ -100,6 +109,37 @@ def test_each_participant_is_refused_what_does_not_cover_them(
     assert palpate("amend", study.file, "--dataset", study.root, *again)[0] == 0
     found += [refusal(study.file, 2), told(status.status(study.root, date.today()).seal, study)]
     assert found == approved
+
+
+def test_status_knows_a_session_that_was_run_where_the_amendment_began_a_day_earlier(
+    study: MadeStudy, palpate: Palpate
+) -> None:
+    today = date.today()
+    assert palpate(*changed(study, palpate), "--halfway", "session", "--consent-anew", "everybody", "--yes")[0] == 0
+    assert palpate("consent", study.file, "-p", "03", "--consent-on", today, "--dataset", study.root)[0] == 0
+    third = study.tasks[2]
+    _, _, known = amendment.known_approvals(study.file, study.root)
+    new = {"seal_sha256": known.approved[-1].seal_sha256, "consent_sha256": known.approved[-1].protocol_sha256}
+    study.run(study.header(third.participant, third.tasks[0]).model_copy(update=new))
+    assert to_consent(study, today - timedelta(days=1)) == ["01", "02"]
+
+
+@pytest.mark.parametrize("begins", [0, 7])
+def test_status_of_a_file_under_which_nobody_is_run_says_so(study: MadeStudy, palpate: Palpate, begins: int) -> None:
+    old = study.file.with_name("old.toml")
+    today = date.today()
+    for end in (".toml", ".seal.toml"):
+        shutil.copy(study.file.with_suffix(end), old.with_suffix(end))
+    amend = (*changed(study, palpate), "--from", today + timedelta(days=begins))
+    assert palpate(*amend, "--halfway", "session", "--consent-anew", "nobody", "--yes")[0] == 0
+    shutil.copytree(study.root, study.file.with_name("participants") / "okamoto2012")
+
+    def warned(file: Path) -> bool:
+        remedies = [one.remedy for one in status.status(file, today).reminders]
+        return any(isinstance(one, Remedy) and one.command[1] == "amend" for one in remedies)
+
+    with contextlib.chdir(study.file.parent):
+        assert [warned(old), warned(study.file)] == [begins == 0, False]
 
 
 def test_what_says_nothing_is_refused(study: MadeStudy, palpate: Palpate) -> None:

@@ -58,6 +58,26 @@ def test_the_approvals_of_the_board_are_added_to_those_that_a_laboratory_names(s
 
 
 @pytest.mark.parametrize(
+    ("written", "line"),
+    [(b'{\n "Authors": ["J. Carberry",]\n}\n', 2), (b"[]\n", None), (b'{"Authors": ["\xff"]}\n', None)],
+    ids=["comma", "list", "encoding"],
+)
+def test_a_description_that_cannot_be_read_is_refused_and_not_overwritten(
+    study: MadeStudy, written: bytes, line: int | None
+) -> None:
+    path = study.root / "dataset_description.json"
+    path.write_bytes(written)
+    with pytest.raises(DatasetError) as error:
+        build.build(study.root)
+    assert (error.value.finding.where, error.value.finding.line) == (path, line)
+    assert path.read_bytes() == written
+    assert [one.where for one in verify.verify(study.root).findings if one.refuses] == [path.name]
+    path.unlink()
+    build.build(study.root)
+    assert verify.verify(study.root).refused == 0
+
+
+@pytest.mark.parametrize(
     ("key", "value"),
     [("Authors", "J. Carberry"), ("Funding", [1]), ("Authors", ["J. Carberry (0000-0002-1825-0098)"])],
     ids=["text", "number", "ORCID"],

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import random
 import shutil
-from datetime import date, timedelta
+import time
+from datetime import date, datetime, timedelta
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import build, checks
+from palpate.experiment.dataset import build, checks, verify
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import journal
-from palpate.experiment.study import amendment, approvals, enrolment
+from palpate.experiment.study import amendment, approvals, enrolment, roster
 from palpate.experiment.study.admission import admit
 from palpate.experiment.study.approvals import Approvals, Approved, Halfway, Stopped
 from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.experiment.session.scripted import START_NS
 from tests.experiment.study.histories import BEGIN, Model, run_history
 from tests.faults.wrong import copied
 
@@ -234,3 +237,40 @@ def test_whose_session_was_ended_hears_what_is_left(study: MadeStudy, place: int
     amendment.record(study.file, planned, root=study.root)
     with pytest.raises(RosterError, match=remedy):
         admit(study.root, study.file, study.protocol, own, own.tasks[place], "rig.toml", date.today())
+
+
+def run_once(folder: Path, expires_on: date) -> MadeStudy:
+    """A study with one session, approved until a day."""
+    study = make_study(folder, sessions=0)
+    approval_number, board, approved_on = "17", study.protocol.ethics.board, date(2001, 1, 1)
+    sealing.write(
+        study.file,
+        study.protocol,
+        approval_number=approval_number,
+        board=board,
+        approved_on=approved_on,
+        expires_on=expires_on,
+        replace=True,
+    )
+    approvals.keep_first(study.root, study.file)
+    first = study.tasks[0]
+    study.run(study.header(first.participant, first.tasks[0]))
+    build.build(study.root)
+    return study
+
+
+@pytest.mark.parametrize("zone", ["America/Los_Angeles", "Europe/Berlin", "Pacific/Kiritimati"])
+def test_the_last_day_of_an_approval_ends_where_the_session_was_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, zone: str
+) -> None:
+    # The session begins at 01:46 UTC on 9 September, which is the evening of the 8th in Los Angeles.
+    monkeypatch.setattr(time, "time_ns", lambda: START_NS - 600_000_000_000)
+    monkeypatch.setattr(roster, "day", lambda ns: datetime.fromtimestamp(ns / 1e9, ZoneInfo(zone)).date())
+    study = run_once(tmp_path / "study", date(2001, 9, 8))
+    dataset = checks.load(study.root)
+    assert ([one.what for one in dataset.damage], len(dataset.sessions)) == ([], 1)
+
+
+def test_an_approval_may_end_on_the_last_day_that_there_is(tmp_path: Path) -> None:
+    study = run_once(tmp_path / "study", date.max)
+    assert verify.verify(study.root).refused == 0
