@@ -244,7 +244,7 @@ def spectrum(
     Parameters
     ----------
     file
-        A WAV file, a text file with a time column, or a LabVIEW file (.lvm).
+        A WAV file, text with a column of times, a LabVIEW file (.lvm, .tdms), a MATLAB file (.mat) or one of HDF5.
     channel
         Its name, or its number from 1; by default the first that holds no times and counts no samples.
     encoding

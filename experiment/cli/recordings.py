@@ -125,7 +125,8 @@ def validate(
 def spectrum(
     context: typer.Context,
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="WAV file, text file with a time column, or LabVIEW file (.lvm).")
+        Path,
+        typer.Argument(metavar="FILE", help="WAV, text with a column of times, LabVIEW, MATLAB or HDF5 file."),
     ],
     channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,
     plot: Annotated[

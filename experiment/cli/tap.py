@@ -24,7 +24,7 @@ def fit(
     recordings: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RECORDING...", help="WAV files, text files with a time column, or LabVIEW files (.lvm)."
+            metavar="RECORDING...", help="WAV files, text with a column of times, or LabVIEW, MATLAB or HDF5 files."
         ),
     ],
     channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,

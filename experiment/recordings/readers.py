@@ -1,4 +1,4 @@
-"""Any recording from disk: WAV, text columns with a column of times, or a LabVIEW measurement file (.lvm).
+"""Any recording from disk: WAV, text columns with times, a LabVIEW file (.lvm), or one of `formats`.
 
 The content decides the format. The rate is that of a column of times if there is one; a header's is only reported.
 """
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy
 from palpate.experiment.recordings.columns import RowLines, read_columns
+from palpate.experiment.recordings.formats import format_of
+from palpate.experiment.recordings.formats.interface import Format
 from palpate.experiment.recordings.unfinished import completed
 from palpate.experiment.recordings.wav import wav_samples
 from palpate.experiment.settings import delimited
@@ -100,6 +102,8 @@ def read(path: Path, *, channel: str | None = None, stated: Stated = NOTHING_STA
             made = _from_wav(path, *wav_samples(whole, file=str(path)), channel)
             doubt = Finding(missing, where=path, remedy="check where it ends", verdict="warns", check="unfinished")
             return replace(made, doubts=(doubt,)) if missing else made
+        if (binary := format_of(content)) is not None:
+            return _recording(str(path), channel, _from_channels(binary, content, stated), stated)
         text, encoding = delimited.decoded(content, path, stated)
         lvm = text.startswith("LabVIEW Measurement")
         table = _from_lvm(text.splitlines()) if lvm else _from_columns(content, text, encoding, stated)
@@ -165,6 +169,45 @@ def _from_columns(content: bytes, text: str, encoding: str, stated: Stated) -> _
     else:
         times = [columns[clocks[0]]] * len(signals)
     return _Table([columns[place] for place in signals], times, 1, read_as.understood, read_as.cut)
+
+
+def _from_channels(binary: Format, content: bytes, stated: Stated) -> _Table:
+    """Return the channels of a binary file; whose times are those of a clock among them."""
+    channels, missing = binary.read(content)
+    columns = [
+        _Column(heading(held.name).name, held.unit or heading(held.name).unit, held.values,
+                range(1, held.values.size + 1), held.step_s)
+        for held in channels
+    ]  # fmt: skip
+    if not columns:
+        raise RecordingError(
+            f"got a file of {binary.name} without a series of numbers", remedy="export the recording again",
+            allowed="arrays of one dimension, or of a column for each channel",
+        )  # fmt: skip
+    for one in columns:
+        if not np.all(np.isfinite(one.values)):
+            at = int(np.flatnonzero(~np.isfinite(one.values))[0])
+            raise RecordingError(
+                f"got {one.values[at]} in {one.name!r}, sample {at + 1}", remedy="export it again",
+                allowed="finite numbers",
+            )  # fmt: skip
+    named = [at for at, one in enumerate(columns) if _names_times(Heading(one.name.rpartition("/")[2], one.unit))]
+    clocks = _clocks(named, columns, stated)
+    signals = [one for at, one in enumerate(columns) if at not in (*named, *clocks)]
+    if not signals:
+        raise RecordingError("got no channel but those of times", remedy="export the samples, too")
+    times = [_clock_beside(one, [columns[at] for at in clocks], stated) for one in signals]
+    return _Table(signals, times, cut=missing)
+
+
+def _clock_beside(signal: _Column, clocks: Sequence[_Column], stated: Stated) -> _Column | None:
+    """Return the clock of a channel: the only one of its length, in its group if several are; None where its rate is
+    known and no clock has a unit."""
+    fitting = [one for one in clocks if one.values.size == signal.values.size]
+    own = [one for one in fitting if one.name.rpartition("/")[0] == signal.name.rpartition("/")[0]]
+    found = (own or fitting)[0] if len(own or fitting) == 1 else None
+    says = found is None or stated.time_unit or time_unit(Heading(found.name, found.unit))
+    return found if says or not signal.step > 0 else None
 
 
 def _names_times(one: Heading) -> bool:
@@ -360,12 +403,12 @@ def _recording(file: str, channel: str | None, table: _Table, stated: Stated) ->
         source = f"time column {clock.name!r}"
     elif claimed_hz is not None:
         rate_hz, jitter, claimed_hz = claimed_hz, 0.0, None
-        source = "header (Delta_X), no time column to check it against"
+        source = "header, no time column to check it against"
     else:
         raise RecordingError(
-            "got neither an X column nor a Delta_X above zero",
-            remedy="export the measurement with X_Columns One",
-            allowed="a column of times",
+            f"got neither times nor a rate for channel {chosen.name!r}",
+            remedy="export them with it, in LabVIEW with X_Columns One",
+            allowed="a column of times, or a rate or step above zero",
         )
     if table.cut:
         doubts += (Finding(table.cut, where=file, remedy="check where it ends", verdict="warns", check="unfinished"),)

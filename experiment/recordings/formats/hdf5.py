@@ -1,0 +1,70 @@
+"""HDF5, and MAT 7.3, which is HDF5: each dataset of one or two dimensions is channels.
+
+Rates stand in attributes of a dataset, its groups or the file, or in datasets of one number. What leads to other files
+(links, external and virtual datasets) is not followed.
+"""
+
+import io
+from typing import Any
+
+import numpy as np
+
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.formats.interface import (
+    Channel,
+    Format,
+    channels_of,
+    needed,
+    refuse_large,
+    stated_step_s,
+)
+
+NAME = "HDF5"
+UNITS = ("unit", "units", "unit_string", "Unit", "Units")
+
+
+def read(content: bytes) -> tuple[list[Channel], str]:
+    """Return the channels of a file. Raises `RecordingError` for one that is damaged or too large."""
+    h5py = needed("h5py", NAME)
+    held: list[tuple[str, Any]] = []
+    try:
+        with h5py.File(io.BytesIO(content), "r") as file:
+            file.visititems(lambda name, one: held.append((name, one)) if _is_own(h5py, one) else None)
+            refuse_large((one.size for _, one in held), NAME)
+            steps = {name: _step_s(name, one) for name, one in held}
+            found = []
+            for name, one in held:
+                given = [
+                    stated_step_s(key, value) for each in (one, *_groups(one)) for key, value in each.attrs.items()
+                ]
+                given += [step for other, step in steps.items() if name.startswith(other.rpartition("/")[0])]
+                unit = next((str(_text(one.attrs[key])) for key in UNITS if key in one.attrs), "")
+                found += channels_of(name, one[()], unit, next((step for step in given if step > 0), np.nan))
+    except (OSError, ValueError, KeyError, RuntimeError, OverflowError) as error:
+        raise RecordingError(
+            f"got a damaged file of {NAME} ({error})", remedy="export it again", allowed="a whole one"
+        ) from error
+    return found, ""
+
+
+def _is_own(h5py: Any, one: Any) -> bool:
+    return isinstance(one, h5py.Dataset) and one.dtype.kind in "biuf" and not one.is_virtual and not one.external
+
+
+def _groups(one: Any) -> list[Any]:
+    found = []
+    while one.name != "/":
+        one = one.parent
+        found.append(one)
+    return found
+
+
+def _step_s(name: str, one: Any) -> float:
+    return stated_step_s(name.rpartition("/")[2], one[()]) if one.size == 1 else np.nan
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+FORMAT = Format(NAME, (b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3 MAT-file"), read)

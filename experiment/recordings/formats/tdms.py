@@ -1,0 +1,41 @@
+"""TDMS, as LabVIEW and DAQExpress write it: each channel with the increment and the unit that it states."""
+
+import io
+import struct
+
+import numpy as np
+
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.formats.interface import Channel, Format, channels_of, needed, refuse_large
+
+NAME = "TDMS"
+
+
+def read(content: bytes) -> tuple[list[Channel], str]:
+    """Return the channels of a file, and whether its recorder ended before it was whole.
+
+    Raises `RecordingError` for one that is damaged or too large.
+    """
+    tdms = needed("nptdms", NAME)
+    try:
+        layout = tdms.TdmsFile.read_metadata(io.BytesIO(content))
+        refuse_large((len(one) for group in layout.groups() for one in group.channels()), NAME)
+        file = tdms.TdmsFile.read(io.BytesIO(content))
+    except (ValueError, KeyError, EOFError, OverflowError, NotImplementedError, struct.error) as error:
+        raise RecordingError(
+            f"got a damaged file of {NAME} ({error})", remedy="export it again", allowed="a whole one"
+        ) from error
+    groups = file.groups()
+    found: list[Channel] = []
+    for group in groups:
+        for one in group.channels():
+            name = one.name if len(groups) == 1 else f"{group.name}/{one.name}"
+            step = one.properties.get("wf_increment", np.nan)
+            step_s = float(step) if isinstance(step, int | float) and step > 0 else np.nan
+            unit = str(one.properties.get("unit_string") or one.properties.get("NI_UnitDescription") or "")
+            found += channels_of(name, np.asarray(one[:]), unit, step_s)
+    cut = file.file_status.incomplete_final_segment
+    return found, f"got a file of {NAME} that is not finished: its last segment is cut off" if cut else ""
+
+
+FORMAT = Format(NAME, (b"TDSm",), read)

@@ -1,0 +1,154 @@
+"""TDMS, HDF5 and MAT files, written by the libraries of their formats."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import nptdms
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.formats import FORMATS, format_of, interface
+from palpate.experiment.recordings.readers import read
+from palpate.experiment.settings.delimited import Stated
+
+RATE_HZ = 3200.0
+TIMES_S = np.arange(400) / RATE_HZ
+SAMPLES = np.round(3.0 * np.sin(2 * np.pi * 100.0 * TIMES_S), 6)
+
+
+def tdms(path: Path, *, rate: bool = True) -> None:
+    about = {"wf_increment": 1 / RATE_HZ, "unit_string": "g"} if rate else {"unit_string": "g"}
+    with nptdms.TdmsWriter(str(path)) as writer:
+        writer.write_segment([nptdms.ChannelObject("taps", "acceleration", SAMPLES, properties=about)])
+
+
+def hdf5(path: Path, *, rate: bool = True) -> None:
+    with h5py.File(path, "w") as file:
+        file["taps/acceleration"] = SAMPLES
+        file["taps/acceleration"].attrs["unit"] = "g"
+        if rate:
+            file["taps"].attrs["sampling_rate"] = RATE_HZ
+
+
+def mat(path: Path, *, rate: bool = True) -> None:
+    savemat(path, {"acceleration": SAMPLES, **({"Fs": RATE_HZ} if rate else {})})
+
+
+WRITERS: dict[str, Callable[..., None]] = {"tdms": tdms, "hdf5": hdf5, "mat": mat}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_channel_has_the_rate_and_the_unit_that_its_file_states(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "recording"
+    WRITERS[name](path)
+    made = read(path)
+    np.testing.assert_array_equal(made.samples, SAMPLES)
+    assert made.rate_hz == pytest.approx(RATE_HZ, rel=1e-12)
+    assert made.unit == ("" if name == "mat" else "g")
+    WRITERS[name](path, rate=False)
+    with pytest.raises(RecordingError):
+        read(path)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_damaged_file_and_one_that_would_fill_memory_are_refused(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "recording"
+    WRITERS[name](path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 3])
+    if name == "tdms":
+        made = read(path)
+        assert [doubt.check for doubt in made.doubts] == ["unfinished"]
+        np.testing.assert_array_equal(made.samples, SAMPLES[: made.samples.size])
+    else:
+        with pytest.raises(RecordingError):
+            read(path)
+    path.write_bytes(whole)
+    monkeypatch.setattr(interface, "LARGEST", 1000)
+    with pytest.raises(RecordingError, match="MiB"):
+        read(path)
+
+
+def test_a_package_that_is_not_installed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "recording"
+    tdms(path)
+    monkeypatch.setitem(sys.modules, "nptdms", None)
+    with pytest.raises(RecordingError) as refused:
+        read(path)
+    assert "palpate[files]" in str(refused.value.finding.remedy)
+
+
+def test_a_clock_among_the_channels_counts_and_a_rate_where_its_unit_is_not_said(tmp_path: Path) -> None:
+    path = tmp_path / "recording.mat"
+    savemat(path, {"t": 1e3 * TIMES_S, "acceleration": SAMPLES})
+    with pytest.raises(RecordingError):
+        read(path)
+    assert read(path, stated=Stated(time_unit="ms")).rate_hz == pytest.approx(RATE_HZ)
+    savemat(path, {"t": 1e3 * TIMES_S, "acceleration": SAMPLES, "fs": RATE_HZ})
+    assert (read(path).rate_hz, read(path).channels) == (RATE_HZ, ("acceleration",))
+    savemat(path, {"data": np.stack([TIMES_S, SAMPLES, -SAMPLES], axis=1)})
+    made = read(path, channel="data 3", stated=Stated(time_column="data 1", time_unit="s"))
+    np.testing.assert_array_equal(made.samples, -SAMPLES)
+    assert made.rate_hz == pytest.approx(RATE_HZ)
+
+
+def test_several_groups_keep_their_clocks(tmp_path: Path) -> None:
+    path = tmp_path / "recording.h5"
+    with h5py.File(path, "w") as file:
+        for group, rate_hz in (("slow", 1000.0), ("fast", 8000.0)):
+            file[f"{group}/time (ms)"] = 1e3 * np.arange(400) / rate_hz
+            file[f"{group}/force"] = SAMPLES
+    assert {one: read(path, channel=f"{one}/force").rate_hz for one in ("slow", "fast")} == pytest.approx(
+        {"slow": 1000.0, "fast": 8000.0}
+    )
+
+
+def test_nothing_of_another_file_is_read(tmp_path: Path) -> None:
+    hdf5(tmp_path / "secret.h5")
+    path = tmp_path / "recording.h5"
+    with h5py.File(path, "w") as file:
+        file["linked"] = h5py.ExternalLink(str(tmp_path / "secret.h5"), "/taps/acceleration")
+        layout = h5py.VirtualLayout(shape=SAMPLES.shape, dtype="f8")
+        layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "taps/acceleration", shape=SAMPLES.shape)
+        file.create_virtual_dataset("virtual", layout)
+    with pytest.raises(RecordingError, match="without a series"):
+        read(path)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("kind", ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"])
+def test_numbers_of_every_kind_are_those_that_scipy_wrote(tmp_path: Path, kind: str, compressed: bool) -> None:
+    path = tmp_path / "recording.mat"
+    numbers = np.arange(100).astype(kind)
+    savemat(path, {"fs": 100.0, "x": numbers, "many": np.stack([numbers, numbers])}, do_compression=compressed)
+    made = read(path, channel="many 2")
+    assert made.channels == ("x", "many 1", "many 2")
+    np.testing.assert_array_equal(made.samples, numbers.astype(float))
+    assert made.rate_hz == 100.0
+
+
+@pytest.mark.parametrize("held", [{"data": {"fs": 1.0}}, {"cells": np.array([1, "a"], dtype=object)}])
+def test_structures_and_cells_stay_closed(tmp_path: Path, held: dict[str, Any]) -> None:
+    path = tmp_path / "recording.mat"
+    savemat(path, held)
+    with pytest.raises(RecordingError) as refused:
+        read(path)
+    assert next(iter(held)) in str(refused.value)
+
+
+def test_samples_that_are_no_numbers_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "recording.mat"
+    savemat(path, {"fs": RATE_HZ, "acceleration": np.where(TIMES_S == 0.0, np.nan, SAMPLES)})
+    with pytest.raises(RecordingError, match="sample 1"):
+        read(path)
+    assert format_of(io.BytesIO(b"time,a").read()) is None
