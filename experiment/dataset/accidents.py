@@ -152,8 +152,6 @@ def with_accidents(root: Path, findings: Sequence[Finding]) -> list[Finding]:
 
 
 def _explains(accident: Finding, refusal: Finding) -> bool:
-    """Return whether a refusal is of the same file, of a journal and its head, or of recordings among which it is."""
-    name, of = unicodedata.normalize("NFC", str(accident.where)), str(refusal.where)
-    chained = {re.sub(r"\.(jsonl|head)$", "", one) for one in (name, of)}
-    folder = storage.RECORDINGS.as_posix()
-    return len(chained) == 1 or (of == folder and name.startswith(f"{folder}/"))
+    """Return whether a refusal is of the same file; a journal and its head are one."""
+    name = unicodedata.normalize("NFC", str(accident.where))
+    return re.sub(r"\.(jsonl|head)$", "", name) == re.sub(r"\.(jsonl|head)$", "", str(refusal.where))

@@ -19,7 +19,7 @@ from palpate.experiment.dataset import accidents, build, checks, register, table
 from palpate.experiment.dataset.checks import Dataset, Sessions
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, anchors_of_file
 from palpate.experiment.dataset.signatures import Signer, soundly_signed
-from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, RecordingError, Remedy, Verdict
+from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, Remedy, Verdict
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.blocks import count
 from palpate.experiment.records import journal
@@ -303,26 +303,26 @@ def rig_files(dataset: Sessions) -> Iterator[Finding]:
 
 
 def recordings(dataset: Sessions) -> Iterator[Finding]:
-    """Yield whether the recordings are those that journals name, where any is named."""
-    if named := {header.recordings_sha256 for _, header in dataset.sessions} - {None}:
-        yield _file_finding(dataset.root, dataset.root / storage.RECORDINGS, lambda: _recordings(dataset.root, named))
-
-
-def _recordings(root: Path, named: set[str | None]) -> str:
-    folder = root / storage.RECORDINGS
+    """Yield each recording that is not the one that journals name, or that all are, where any is named."""
+    folder, backup = dataset.root / storage.RECORDINGS, "restore it from a backup"
     manifest = folder / "manifest.toml"
+    if not (named := {header.recordings_sha256 for _, header in dataset.sessions} - {None}):
+        return
     try:
         data = storage.read_bytes(manifest)
         takes = [(str(take["file"]), str(take["sha256"])) for take in tomllib.loads(data.decode())["takes"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RecordingError(manifest, f"cannot be read ({storage.why(error)})", "restore it from a backup") from error
+        yield Finding(f"cannot be read ({storage.why(error)})", manifest, remedy=backup)
+        return
     if named != {hashlib.sha256(data).hexdigest()}:
-        raise RecordingError(manifest, "is not the one that the journals name", "restore it from a backup")
+        yield Finding("is not the one that the journals name", manifest, remedy=backup)
+        return
     broken = [name for name, sha256 in takes if _sha256(folder / name) != sha256]
-    if broken:
-        raise RecordingError(folder, f"takes are missing or changed: {', '.join(broken)}", "restore them from a backup")
-    are = "take is that" if len(takes) == 1 else "takes are those"
-    return f"{len(takes)} {are} of the manifest, and the manifest is the one that the journals name"
+    yield from (Finding("is missing, or not the take of the manifest", folder / name, remedy=backup) for name in broken)
+    if not broken:
+        are = "take is that" if len(takes) == 1 else "takes are those"
+        text = f"{len(takes)} {are} of the manifest, and the manifest is the one that the journals name"
+        yield Finding(text, folder, verdict="passes")
 
 
 def _sha256(path: Path) -> str | None:

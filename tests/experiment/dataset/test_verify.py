@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import bids, build, checks, register, status
+from palpate.experiment.dataset import accidents, bids, build, checks, register, status
 from palpate.experiment.dataset.signatures import Signer
 from palpate.experiment.dataset.verify import FOREIGN, MISTYPED, Report, verify
 from palpate.experiment.errors import DatasetError, OtherFormat, Remedy
@@ -591,9 +591,11 @@ def test_a_register_is_told_also_where_all_of_sourcedata_is_gone(study: MadeStud
 def test_recordings_are_held_against_the_journals_and_their_manifest(study: MadeStudy) -> None:
     folder = study.root / storage.RECORDINGS
     folder.mkdir(parents=True)
-    take, manifest = folder / "a.wav", folder / "manifest.toml"
-    take.write_bytes(b"take")
-    named = f'takes = [{{ file = "a.wav", sha256 = "{sha256(b"take").hexdigest()}" }}]\n'
+    take, second, manifest = folder / "a.wav", folder / "b.wav", folder / "manifest.toml"
+    for path in (take, second):
+        path.write_bytes(b"take")
+    rows = [f'{{ file = "{path.name}", sha256 = "{sha256(b"take").hexdigest()}" }}' for path in (take, second)]
+    named = f"takes = [{', '.join(rows)}]\n"
     manifest.write_text(named)
     one = study.tasks[0]
     asked = study.header(one.participant, one.tasks[1])
@@ -601,7 +603,11 @@ def test_recordings_are_held_against_the_journals_and_their_manifest(study: Made
     build.build(study.root)
     assert verify(study.root).refused == 0
     take.write_bytes(b"another")
-    assert "a.wav" in refused(verify(study.root))[inside(study, folder)]
+    assert refused(verify(study.root)).keys() == {inside(study, take)}
+    # A take that was not fetched explains no other one that was changed.
+    second.write_text("version https://git-lfs.github.com/spec/v1\n", "utf-8")
+    found = {one.where: one.check for one in verify(study.root).findings if one.refuses}
+    assert found == {inside(study, take): "recordings", inside(study, second): accidents.CHECK}
     manifest.write_text("takes = []\n")
     assert "not the one that the journals name" in refused(verify(study.root))[inside(study, manifest)]
     manifest.unlink()
