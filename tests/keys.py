@@ -19,6 +19,7 @@ from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.kinds import kind_of
 from palpate.experiment.protocol.models import PlannedTest
+from palpate.experiment.protocol.rules import pairs
 from palpate.experiment.settings import load
 from palpate.experiment.settings.load import Confined, none
 
@@ -92,7 +93,11 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
     parts = [heading, " ".join(summary.split()), "\n".join(rows)]
     rules = [model.RULES] if model.RULES is not none else []
     if model is ProtocolFile:
-        rules += [*(kind_of(name).rules for name in kinds.NAMES), *(design_of(name).rules for name in designs.NAMES)]
+        rules += [
+            *(kind_of(name).rules for name in kinds.NAMES),
+            *(design_of(name).rules for name in designs.NAMES),
+            pairs,
+        ]
     parts += [" ".join((rule.__doc__ or "").split()) for rule in rules]
     parts += ["\n".join(_planned_tests())] if model is PlannedTest else []
     yield "\n\n".join(parts)

@@ -18,11 +18,12 @@ PACKAGE = Path(__file__).parent.parent
 
 def _tables() -> dict[str, Any]:
     """Return the field of each table that a kind or a design has."""
-    of_kinds = {
+    named = {name: kind_of(name) for name in kinds.NAMES} | {name: design_of(name) for name in designs.NAMES}
+    return {
         name: (own.table | None, Field(None, json_schema_extra={"since": own.since} if own.since else None))
-        for name, own in zip(kinds.NAMES, map(kind_of, kinds.NAMES), strict=True)
+        for name, own in named.items()
+        if own.table is not None
     }
-    return of_kinds | {name: (table | None, None) for name in designs.NAMES if (table := design_of(name).table)}
 
 
 def _docstring() -> str:

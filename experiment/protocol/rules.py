@@ -160,6 +160,17 @@ def protocol(table: Table) -> Iterator[Broken]:
         yield Broken(("task_order", "kind"), allowed)
 
 
+def pairs(table: Table) -> Iterator[Broken]:
+    """If trials present two materials, `repetitions` are even, no order is `max-run`, and no task has `materials`."""
+    for i, task in tables_at(table, "tasks"):
+        if table_at(task, "order").get("kind") == "max-run":
+            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with pairs of materials")
+        if (count := number_at(task, "repetitions")) is not None and count % 2:
+            yield Broken(("tasks", i, "repetitions"), "an even number: each pair is presented in both orders alike")
+        if task.get("materials") is not None:
+            yield Broken(("tasks", i, "materials"), "no value: a task of pairs presents every material")
+
+
 def _first(table: Table, key: str, names: Sequence[str]) -> str | None:
     """Return the kind or the design of a study: that of its first task, if it has one."""
     return next((name for _, task in tables_at(table, "tasks") if (name := task.get(key)) in names), None)
@@ -174,6 +185,8 @@ def _kinds(table: Table) -> Iterator[Broken]:
     if design is not None:
         yield from _one(table, "design", design, designs.NAMES)
         yield from design_of(design).rules(table)
+        if design_of(design).intervals > 1:
+            yield from pairs(table)
         yield from _tests(table, design)
     if kind is not None and design is not None:
         fit = [name for name in designs.NAMES if design_of(name).intervals in kind_of(kind).intervals]

@@ -49,6 +49,7 @@ class ProtocolDesign:
 
     Attributes:
         table: the model of the table with its name; None for a design that needs none.
+        since: the format of protocols that has the table first, so that seals of older ones stay valid; 0 for all.
         intervals: how many materials one trial presents.
         tests: the tests that it offers to be planned, by name.
         rules: what a file breaks, beyond what every file must keep.
@@ -61,6 +62,7 @@ class ProtocolDesign:
     """
 
     table: type[Confined] | None = None
+    since: int
     intervals: int
     tests: Mapping[str, PlannableTest]
     rules: Callable[[Table], Iterator[Broken]]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from palpate.experiment.protocol.designs import Meaning, PlannableTest, ProtocolDesign
-from palpate.experiment.protocol.kinds import number_at, table_at, tables_at
+from palpate.experiment.protocol.kinds import table_at, tables_at
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.settings.load import Broken, Confined, Key, Name, Table
 
@@ -43,9 +43,8 @@ class Comparison(Confined):
 def _rules(table: Table) -> Iterator[Broken]:
     """The design `comparison` needs `[comparison]`.
 
-    No material has `key` or `spoken`, `repetitions` are even, no order is `max-run`, no task has `materials`,
-    `answers.microphone` is false, and the planned tests are `Bradley-Terry` and `Thurstone`, or, where there is a
-    `tie_key`, `Davidson`.
+    No material has `key` or `spoken`, `answers.microphone` is false, and the planned tests are `Bradley-Terry` and
+    `Thurstone`, or, where there is a `tie_key`, `Davidson`.
     """
     if table.get("comparison") is None:
         yield Broken(("comparison",), "a table: tasks of the design 'comparison' need it")
@@ -53,13 +52,6 @@ def _rules(table: Table) -> Iterator[Broken]:
         for key in ("key", "spoken"):
             if one.get(key):
                 yield Broken(("materials", i, key), "no value: participants compare materials, and name none")
-    for i, task in tables_at(table, "tasks"):
-        if table_at(task, "order").get("kind") == "max-run":
-            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with pairs of materials")
-        if (count := number_at(task, "repetitions")) is not None and count % 2:
-            yield Broken(("tasks", i, "repetitions"), "an even number: each pair is presented in both orders alike")
-        if task.get("materials") is not None:
-            yield Broken(("tasks", i, "materials"), "no value: a task of pairs presents every material")
     if table_at(table, "answers").get("microphone") is True:
         yield Broken(("answers", "microphone"), "false: with pairs nobody names a material")
     tied = table_at(table, "comparison").get("tie_key") is not None
@@ -94,6 +86,7 @@ def _presents(protocol: Protocol, task: Task) -> str:
 
 DESIGN = ProtocolDesign(
     table=Comparison,
+    since=0,
     intervals=2,
     tests=TESTS,
     rules=_rules,

@@ -23,7 +23,7 @@ class ProtocolKind:
 
     Attributes:
         table: the model of the table with its name, which stands in a study of the kind where it is needed.
-        since: the format of protocols that has the table first.
+        since: the format of protocols that has the table first, so that seals of older ones stay valid; 0 for all.
         intervals: how many materials one trial may present.
         at_will: whether what a trial presents is felt at will, until the answer.
         rules: what a file breaks, beyond what every file must keep.
@@ -31,7 +31,7 @@ class ProtocolKind:
     """
 
     table: type[Confined]
-    since: int = 0
+    since: int
     intervals: tuple[int, ...]
     at_will: bool = False
     rules: Callable[[Table], Iterator[Broken]]

@@ -100,4 +100,4 @@ def _rules(table: Table) -> Iterator[Broken]:
         yield Broken(("footstep",), "a table: tasks of the kind 'footstep' need it")
 
 
-KIND = ProtocolKind(table=Footstep, intervals=(1,), rules=_rules)
+KIND = ProtocolKind(table=Footstep, since=0, intervals=(1,), rules=_rules)
