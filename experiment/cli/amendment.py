@@ -17,20 +17,20 @@ def _day(name: str, text: str) -> object:
     return typer.Option(name, parser=a_day, metavar="YYYY-MM-DD", help=text)
 
 
-@commands.command(epilog="Example: palpate amend study.toml --halfway session --consent-anew everybody")
+@commands.command(epilog="Example: palpate amend study.toml --in-progress session --reconsent everybody")
 def amend(
     protocol_file: ProtocolFile,
-    halfway: Annotated[
+    in_progress: Annotated[
         Literal["old", "session", "new"] | None,
         typer.Option(
-            "--halfway",
-            help="Which version somebody halfway finishes: the old one for all tasks (old), the old one for the "
+            "--in-progress",
+            help="Which version somebody who has begun finishes: the old one for all tasks (old), the old one for the "
             "session under way and the new one for further tasks (session), or no trial of the old one (new).",
         ),
     ] = None,
-    consent_anew: Annotated[
+    reconsent: Annotated[
         Literal["everybody", "nobody"] | None,
-        typer.Option("--consent-anew", help="Who of those who go on under the new version must consent to it first."),
+        typer.Option("--reconsent", help="Who of those who go on under the new version must consent to it first."),
     ] = None,
     from_on: Annotated[date | None, _day("--from", "First day of the approval [default: today].")] = None,
     suspended_on: Annotated[date | None, _day("--suspended-on", "The board suspends the study from this day.")] = None,
@@ -68,8 +68,8 @@ def amend(
         what = "give one of --suspended-on, --lifted-on, --ended-on with --reason, or none of them"
         raise RosterError(what)
     if given:
-        if {halfway, consent_anew, from_on, page_file} != {None}:
-            what = "got --halfway, --consent-anew, --from or --html beside a suspension, its lift or an end"
+        if {in_progress, reconsent, from_on, page_file} != {None}:
+            what = "got --in-progress, --reconsent, --from or --html beside a suspension, its lift or an end"
             raise RosterError(what, remedy="leave them out: they are of an amendment or a renewal")
         ((kind, on),) = given
         if kind == "ended" and not yes:
@@ -80,12 +80,14 @@ def amend(
         typer.echo(f"The study is {words} from {on} on: {path}")
         _tell_anchor(root)
         return
-    anew = None if consent_anew is None else consent_anew == "everybody"
-    planned = amendment.plan_approval(protocol_file, root=root, from_on=from_on, halfway=halfway, consent_anew=anew)
+    again = None if reconsent is None else reconsent == "everybody"
+    planned = amendment.plan_approval(
+        protocol_file, root=root, from_on=from_on, in_progress=in_progress, reconsent=again
+    )
     renewal = _show(protocol_file, root, page_file)
-    if not renewal and (halfway is None or consent_anew is None):
-        what = "this is an amendment, and the board decides how those halfway finish and who consents anew"
-        raise RosterError(what, remedy="give --halfway and --consent-anew as its letter says")
+    if not renewal and (in_progress is None or reconsent is None):
+        what = "this is an amendment, and the board decides how those who have begun finish and who consents again"
+        raise RosterError(what, remedy="give --in-progress and --reconsent as its letter says")
     noun = "renewal" if renewal else "amendment"
     if not yes:
         asked = f"This records the {noun} as approval {planned.number}, from {planned.from_on} to {planned.expires_on}."
@@ -100,27 +102,33 @@ def amend(
 
 def _show(protocol_file: Path, root: Path, page_file: Path | None) -> bool:
     """Show old and new side by side; return whether nothing differs, as in a renewal."""
-    from palpate.experiment.protocol import files
+    from palpate.experiment.protocol import approval, files
     from palpate.experiment.protocol.page import changes
     from palpate.experiment.study import amendment
 
     root, _, known = amendment.known_approvals(protocol_file, root)
     old, new = amendment.latest(root, known), files.load(protocol_file)
-    renewal = not changes.changes(old, new)
+    renewed = known.version_of(approval.sha256(new))
     if page_file is not None:
         if page_file.suffix != ".html":
             raise PalpateError(f"got the file {page_file}", allowed="a name that ends in .html")
-        options.put_file(page_file, changes.html(old, new).encode())
-    typer.echo("A renewal: no field of the protocol changes." if renewal else changes.text(old, new))
-    return renewal
+        shown = new if renewed else old
+        options.put_file(page_file, changes.html(shown, new).encode())
+    if renewed is None:
+        typer.echo(changes.text(old, new))
+    elif renewed == known.version_on(date.max):
+        typer.echo("A renewal: no field of the protocol changes.")
+    else:
+        typer.echo(f"A renewal of the version of approval {renewed}, for those alone who go on under it.")
+    return renewed is not None
 
 
 def _tell_consent(protocol_file: Path, root: Path, on: date) -> None:
     from palpate.experiment.study import amendment
 
     _, roster, known = amendment.known_approvals(protocol_file, root)
-    if who := amendment.to_consent_anew(root, known, roster, on):
-        typer.echo(f"Must consent anew before their next session: {', '.join(who)} (palpate consent)")
+    if who := amendment.to_reconsent(root, known, roster, on):
+        typer.echo(f"Must consent again before their next session: {', '.join(who)} (palpate consent)")
 
 
 def _tell_anchor(root: Path) -> None:

@@ -107,6 +107,8 @@ def consent(
 ) -> None:
     """Record the consent of an enrolled participant.
 
+    It is to the version in PROTOCOL: the new text of an amendment on record may be signed before its first day.
+
     With --correct and --reason another day takes the place of the one on record, which stays in the roster. In a study
     that keeps the sound of spoken answers, --voices records that a participant agrees to that, and --no-voices that
     they do not: what was kept of it is then deleted. Copies and backups have to be deleted by hand.

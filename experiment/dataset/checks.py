@@ -266,7 +266,7 @@ def _expected(root: Path) -> Dataset:
         seed, purpose = enrolment.seed_of(root), enrolment.purpose_of(root)
         roster = Roster.load(storage.roster_path(root))
         versions = {approval.sha256(protocol): protocol, **dict(_later_versions(root, roster))}
-        latest = versions[roster.approved[-1].protocol_sha256] if roster.approved else protocol
+        *_, latest = versions.values()
         tasks = {one.participant: one.tasks for one in allocated(latest, seed, roster.takes)}
         known = None
         if roster.approved or any(storage.size(path) for path in storage.journals(root)):

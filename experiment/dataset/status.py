@@ -320,8 +320,9 @@ def _seal(
     """Return the approval in a sentence, and what to do about it, by the seal that `palpate run` would check."""
     known = dataset.approvals
     if known is not None and (stop := known.stop(today)) is not None:
-        return f"{stop.kind.upper()} from {stop.from_on} on, so nobody is run: {stop.reason}.", []
-    file = protocol_file or storage.protocol_path(root, known.started_by(today)[-1].number if known else 1)
+        return f"{stop.kind.upper()} since {stop.from_on}. No session may run. Reason: {stop.reason}.", []
+    latest = known.covering(today, visit=None) if known else None
+    file = protocol_file or storage.protocol_path(root, latest.number if latest else 1)
     if protocol_file is None and not approval.seal_path(file).exists():
         return "No session has begun, so no seal is kept here; the one beside the protocol's file counts.", []
     version = files.load(file)
@@ -352,7 +353,7 @@ def _in_force(dataset: Dataset, people: Sequence[Person], today: date) -> set[st
     if known is None or dataset.roster is None:
         return {approval.sha256(dataset.protocol)}
     on = dataset.roster.known_day(today)
-    found = [*known.started_by(on)[-1:], *(one for one in known.approved if one.from_on > on)]
+    found = [known.approved[known.version_on(on) - 1], *(one for one in known.approved if one.from_on > on)]
     for one in people:
         if one.state not in ("done", "withdrawn"):
             visit = max((known.number_of(session.header.seal_sha256) for session in one.begun), default=None)
@@ -361,13 +362,13 @@ def _in_force(dataset: Dataset, people: Sequence[Person], today: date) -> set[st
     return {one.protocol_sha256 for one in found}
 
 
-def _consent_anew(root: Path, dataset: Dataset, today: date) -> Iterator[Finding]:
+def _reconsent(root: Path, dataset: Dataset, today: date) -> Iterator[Finding]:
     """Tell who has to consent to an amendment before their next session."""
     if dataset.roster is None or dataset.approvals is None:
         return
     on = dataset.roster.known_day(today)
-    for who in amendment.to_consent_anew(root, dataset.approvals, dataset.roster, on):
-        file = storage.protocol_path(root, dataset.approvals.started_by(on)[-1].number)
+    for who in amendment.to_reconsent(root, dataset.approvals, dataset.roster, on):
+        file = storage.protocol_path(root, dataset.approvals.version_on(on))
         given = ("--participant", who, "--consent-on", "DAY", "--dataset", str(root))
         words = f"Participant {who} consents to the amendment before their next session: {{}}"
         yield Finding("", remedy=Remedy(words, ("palpate", "consent", str(file), *given)))
@@ -387,7 +388,7 @@ def _reminders(root: Path, dataset: Dataset, people: list[Person], today: date) 
                 f"Participant {one.participant}: the session of task {one.task.header.task} has no end on record. "
                 f"Unless it is running now, it was cut off; {again} goes on with it."
             )
-    yield from _consent_anew(root, dataset, today)
+    yield from _reconsent(root, dataset, today)
     if warning := privacy.readers_warning(root):
         yield Finding(warning)
     if (free := shutil.disk_usage(root).free) < LEAST_FREE:

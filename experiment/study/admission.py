@@ -42,7 +42,7 @@ def admit(
     """Return under which approval a participant may be run today in a task.
 
     Raises `RosterError` if the study is suspended or ended, if the approval has expired, or if they may not be run or
-    have to consent anew, and `DatasetError` if the protocol or its seal is not the one that covers them. `rig` stands
+    have to consent again, and `DatasetError` if the protocol or its seal is not the one that covers them. `rig` stands
     in the command that a remedy names.
     """
     roster = Roster.load(storage.roster_path(root))

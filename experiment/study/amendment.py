@@ -16,7 +16,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import approvals, enrolment
-from palpate.experiment.study.approvals import Approvals, Approved, Halfway, Stopped
+from palpate.experiment.study.approvals import Approvals, Approved, InProgress, Stopped
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import allocated, labels
 
@@ -29,8 +29,8 @@ def known_approvals(protocol_file: Path, root: Path | None) -> tuple[Path, Roste
 
 
 def latest(root: Path, known: Approvals) -> Protocol:
-    """Return the protocol of the last approval of a dataset."""
-    return files.load(storage.protocol_path(root, known.approved[-1].number))
+    """Return the latest version of a dataset's protocol."""
+    return files.load(storage.protocol_path(root, known.version_on(date.max)))
 
 
 def plan_approval(
@@ -38,12 +38,12 @@ def plan_approval(
     *,
     root: Path | None,
     from_on: date | None = None,
-    halfway: Halfway | None = None,
-    consent_anew: bool | None = None,
+    in_progress: InProgress | None = None,
+    reconsent: bool | None = None,
 ) -> Approved:
     """Return the approval that `amend` would record, by the seal beside a protocol; nothing is written.
 
-    `from_on` None is the first day on which it can begin. A renewal has neither `halfway` nor `consent_anew`, an
+    `from_on` None is the first day on which it can begin. A renewal has neither `in_progress` nor `reconsent`, an
     amendment has both. Raises `ProtocolError` without a fitting seal, `RosterError` for one that is on record or for
     a day that cannot be, and `DatasetError` for a protocol that would change who does what.
     """
@@ -57,7 +57,7 @@ def plan_approval(
             what = f"the seal beside it is that of approval {one.number}, which is on record"
             sealed = approval.seal_again(protocol_file, "record the board's new approval first: {}", "--replace")
             raise RosterError(protocol_file, what, sealed)
-    renewal = approval.sha256(protocol) == last.protocol_sha256
+    renewal = known.version_of(approval.sha256(protocol)) is not None
     if renewal and last.seal_sha256 is None:
         raise RosterError("no session has begun, so this seal needs no record", remedy="begin the first session")
     today = roster.known_day(day(wall_ns()))
@@ -65,8 +65,8 @@ def plan_approval(
     if not max(today, seal.approved_on) <= begins <= seal.expires_on:
         what, allowed = f"got {begins} as its first day", f"{max(today, seal.approved_on)} to {seal.expires_on}"
         raise RosterError(what, allowed=allowed, remedy="sessions before today are under the earlier approval")
-    if renewal and (halfway or consent_anew is not None):
-        what = "got --halfway or --consent-anew for a renewal, which changes nothing in the protocol"
+    if renewal and (in_progress or reconsent is not None):
+        what = "got --in-progress or --reconsent for a renewal, which changes nothing in the protocol"
         raise RosterError(what, remedy="leave them out")
     if not renewal:
         _refuse_other_study(root, protocol_file, roster, latest(root, known), protocol)
@@ -77,8 +77,8 @@ def plan_approval(
         approved_on=seal.approved_on,
         expires_on=seal.expires_on,
         from_on=begins,
-        halfway=halfway or "old",
-        consent_anew=bool(consent_anew),
+        in_progress=in_progress or "old",
+        reconsent=bool(reconsent),
     )
     roster.check_decision(planned)
     return planned
@@ -118,9 +118,9 @@ def stop(
     return roster.path
 
 
-def to_consent_anew(root: Path, known: Approvals, roster: Roster, today: date) -> tuple[str, ...]:
-    """Return who has to consent anew before their next session on `today`."""
-    if not any(one.consent_anew for one in known.approved):
+def to_reconsent(root: Path, known: Approvals, roster: Roster, today: date) -> tuple[str, ...]:
+    """Return who has to consent again before their next session on `today`."""
+    if not any(one.reconsent for one in known.approved):
         return ()
     plan = {one.participant: one for one in allocated(latest(root, known), 0, roster.takes)}
     return tuple(

@@ -1,8 +1,9 @@
 """Which approval a session is under: the first, its renewals and amendments, and what suspends or ends them.
 
 Approval 1 is `sourcedata/protocol.toml` with its seal. Each later one has a line in the roster, and its protocol and
-seal beside the first, as `protocol-2.toml`. One with the protocol of the approval before it is a renewal, any other is
-an amendment, which begins a version. Days are those of the lab.
+seal beside the first, as `protocol-2.toml`. One with the protocol of an earlier approval is a renewal, which extends
+that version for those it covers, even where a later one has begun. Any other is an amendment, which begins a version.
+Days are those of the lab.
 """
 
 import hashlib
@@ -21,7 +22,7 @@ from palpate.experiment.settings.load import Line
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
-Halfway = Literal["old", "session", "new"]
+InProgress = Literal["old", "session", "new"]
 """Under which version somebody goes on who had begun: the old one until all tasks are done, until the session that is
 under way is complete, or not at all, so that a session under way is not continued."""
 
@@ -29,7 +30,7 @@ under way is complete, or not at all, so that a session under way is not continu
 class Approved(Entry):
     """An approval after the first: valid from `from_on` to `expires_on`; what the board decided of those who had begun.
 
-    `consent_anew`: whoever goes on under this approval, or a later one, consents to it first.
+    `reconsent`: whoever goes on under this approval, or a later one, consents to it first.
     """
 
     kind: Literal["approved"] = "approved"
@@ -39,8 +40,8 @@ class Approved(Entry):
     approved_on: date
     expires_on: date
     from_on: date
-    halfway: Halfway
-    consent_anew: bool
+    in_progress: InProgress
+    reconsent: bool
 
 
 class Stopped(Entry):
@@ -70,9 +71,15 @@ class Approvals:
 
     def version(self, number: int) -> int:
         """Return the number of the approval that began the version of approval `number`."""
-        while number > 1 and self._sha256(number) == self._sha256(number - 1):
-            number -= 1
-        return number
+        return self.version_of(self.approved[number - 1].protocol_sha256) or number
+
+    def version_of(self, protocol_sha256: str) -> int | None:
+        """Return the number of the approval that began the version with this hash; None for another version."""
+        return next((one.number for one in self.approved if one.protocol_sha256 == protocol_sha256), None)
+
+    def version_on(self, day: date) -> int:
+        """Return the number of the approval that began the version which those who begin on `day` are under."""
+        return max(self.version(one.number) for one in self.started_by(day))
 
     def covering(self, day: date, *, visit: int | None, session: int | None = None) -> Approved | None:
         """Return the approval for a session on `day`; None if the session is not continued under any.
@@ -85,26 +92,24 @@ class Approvals:
             # What a session was under has begun, even if the machine's clock was set back since.
             day = max(day, self.approved[visit - 1].from_on)
         known = self.started_by(day)
-        version = self.version(began or known[-1].number)
+        version = self.version(began) if began else self.version_on(day)
         for one in known:
             if began is None or one.number <= began or self.version(one.number) != one.number:
                 continue
-            if session is not None and one.halfway == "new":
+            if session is not None and one.in_progress == "new":
                 return None
-            if session is None and one.halfway != "old":
+            if session is None and one.in_progress != "old":
                 version = one.number
         return [one for one in known if self.version(one.number) == version][-1]
 
     def consent_needed(self, number: int) -> int:
         """Return the lowest number of an approval to which somebody must have consented who runs under `number`."""
-        return max((one.number for one in self.approved[:number] if one.consent_anew), default=1)
+        version = self.version(number)
+        return max((one.number for one in self.approved[:version] if one.reconsent), default=1)
 
     def number_of(self, seal_sha256: str | None) -> int:
         """Return the number of the approval with this seal; the first for None, as journals of format 9 name none."""
         return next((one.number for one in self.approved if one.seal_sha256 == seal_sha256 is not None), 1)
-
-    def _sha256(self, number: int) -> str:
-        return self.approved[number - 1].protocol_sha256
 
 
 def read_first(root: Path, file: Path | None = None) -> Approved:
@@ -128,8 +133,8 @@ def read_first(root: Path, file: Path | None = None) -> Approved:
         approved_on=days[0],
         expires_on=days[1],
         from_on=days[0],
-        halfway="old",
-        consent_anew=False,
+        in_progress="old",
+        reconsent=False,
     )
 
 

@@ -82,7 +82,9 @@ def enrol(
     _check_current(root, protocol, known, ("palpate", "enrol", "--participant", participant))
     approvals.keep_first(root, protocol_file)
     settled = _read_settled(root)
-    known.enrol(participant, consent_on, takes, settled.salt and settled.sha256)
+    all_approvals = known.approvals(approvals.read_first(root))
+    number = all_approvals.version_on(consent_on) if consent_on else 1
+    known.enrol(participant, consent_on, takes, settled.salt and settled.sha256, number)
     return path
 
 
@@ -173,23 +175,32 @@ def _check_current(root: Path, protocol: Protocol, known: Roster, command: tuple
     all_approvals = known.approvals(approvals.read_first(root))
     if (stop := all_approvals.stop(today)) is not None:
         raise approvals.stopped_error(stop)
-    check_version(root, protocol, all_approvals.started_by(today)[-1], command)
+    check_version(root, protocol, all_approvals.approved[all_approvals.version_on(today) - 1], command)
 
 
 def consent(
     protocol_file: Path, participant: str, consent_on: date, *, root: Path | None, correction: str | None = None
 ) -> Path:
-    """Record the consent of an enrolled participant, and return the roster's file.
+    """Record the consent of an enrolled participant to the version of a protocol, and return the roster's file.
 
     `correction` states why the day replaces the one on record. Raises `RosterError` if the participant is not enrolled,
-    has withdrawn or consented already, or the day or the reason is not allowed.
+    has withdrawn or consented already, or the day or the reason is not allowed, and `DatasetError` for a version that
+    is not on record.
     """
     root = study_begun(protocol_file, root)
-    check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
     known = Roster.continued(path)
+    number, since = 1, approved_on(root, protocol_file)
+    if known.approved:
+        all_approvals = known.approvals(approvals.read_first(root))
+        given = all_approvals.version_of(approval.sha256(files.load(protocol_file)))
+        if given is None:
+            raise _other_version(root, protocol_file)
+        number = known.consented.get(participant, 1) if correction is not None else given
+        since = all_approvals.approved[number - 1].approved_on if number > 1 else since
+    check_consent(participant, consent_on, approved_on=since, today=day(wall_ns()))
     if correction is None:
-        known.consent(participant, consent_on)
+        known.consent(participant, consent_on, number)
     else:
         check_reason(protocol_file, root, correction)
         known.correct(participant, consent_on, correction)
@@ -265,14 +276,7 @@ def settle(
             storage.owners_alone(storage.seed_path(root))
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif not _is_version(root, protocol):
-            own = storage.protocol_path(root, len(Roster.load(storage.roster_path(root)).approved) + 1)
-            words = (
-                "if the board approved this version for the study under way, seal it, then run {}; if not, use the "
-                f"study's version ({own}), or give this one an id of its own"
-            )
-            amend = ("palpate", "amend", str(protocol_file), "--dataset", str(root))
-            remedy = Remedy(words, amend, suffices=False)
-            raise DatasetError(root, "the study was begun with another version of the protocol", remedy)
+            raise _other_version(root, protocol_file)
     settled = seed_of(root)
     if purpose not in (None, begun_as := purpose_of(root)):
         what = f"this dataset was begun as a {begun_as}, not as a {purpose}"
@@ -280,6 +284,18 @@ def settle(
     if seed not in (None, settled):
         raise DatasetError(root, f"the study has another seed than {seed}", "leave out --seed")
     return settled
+
+
+def _other_version(root: Path, protocol_file: Path) -> DatasetError:
+    known = Roster.load(storage.roster_path(root)).approvals(approvals.read_first(root))
+    own = storage.protocol_path(root, known.version_on(date.max))
+    words = (
+        "if the board approved this version for the study under way, seal it, then run {}; if not, use the study's "
+        f"version ({own}), or give this one an id of its own"
+    )
+    amend = ("palpate", "amend", str(protocol_file), "--dataset", str(root))
+    remedy = Remedy(words, amend, suffices=False)
+    return DatasetError(root, "the study was begun with another version of the protocol", remedy)
 
 
 def _is_version(root: Path, protocol: Protocol) -> bool:

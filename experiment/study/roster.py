@@ -32,12 +32,17 @@ FORMAT: Literal[2] = 2
 """The format of the roster's file. Format 1 has no lines of approvals; a roster begun in it may go on with them."""
 
 
+Number = Annotated[int, Field(ge=1)]
+"""The number of the approval that began the version to which somebody consented; lines of format 1 have none."""
+
+
 class Enrolled(Entry):
     """A participant took up the next place of the study."""
 
     kind: Literal["enrolled"] = "enrolled"
     participant: str
     consent_on: date | None
+    approval: Number = 1
 
 
 class First(Entry):
@@ -56,6 +61,7 @@ class Replacing(Entry):
     kind: Literal["replacing"] = "replacing"
     participant: str
     consent_on: date | None
+    approval: Number = 1
     takes: str
 
 
@@ -65,6 +71,7 @@ class Consented(Entry):
     kind: Literal["consented"] = "consented"
     participant: str
     consent_on: date
+    approval: Number = 1
 
 
 Reason = Annotated[Line, Field(max_length=200)]
@@ -129,8 +136,8 @@ class Roster:
     answers may be kept. `takes` names, for each who came after the planned ones, the participant whose place they took.
     `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line has it; None in a study
     that began before such lines. `approved` are the approvals after the first, `stopped` what suspended or ended them,
-    and `consented` the number of the approval to which each participant consented. `consents` has the days of all their
-    consents, as corrected. `now_ns` tells the time of a new line.
+    and `consented` the number of the approval to whose version each participant consented. `consents` has the days of
+    all their consents, as corrected. `now_ns` tells the time of a new line.
     """
 
     path: Path
@@ -173,9 +180,15 @@ class Roster:
         return roster
 
     def enrol(
-        self, participant: str, consent_on: date | None, takes: str | None = None, seed_sha256: str | None = None
+        self,
+        participant: str,
+        consent_on: date | None,
+        takes: str | None = None,
+        seed_sha256: str | None = None,
+        approval: int = 1,
     ) -> None:
-        """Enrol the next participant, on disk when this returns; `consent_on` is None without consent.
+        """Enrol the next participant, on disk when this returns; `consent_on` is None without consent, which is to the
+        version that `approval` began.
 
         `seed_sha256` is the hash of the seed, for the first line. Raises `RosterError` if the label is not the next
         one, which keeps tasks balanced, or if the place that it `takes` is not free.
@@ -183,13 +196,16 @@ class Roster:
         if seed_sha256 is not None and not self.consent_on:
             self._append(First, participant=participant, consent_on=consent_on, seed_sha256=seed_sha256)
         elif takes is None:
-            self._append(Enrolled, participant=participant, consent_on=consent_on)
+            self._append(Enrolled, participant=participant, consent_on=consent_on, approval=approval)
         else:
-            self._append(Replacing, participant=participant, consent_on=consent_on, takes=takes)
+            self._append(Replacing, participant=participant, consent_on=consent_on, approval=approval, takes=takes)
 
-    def consent(self, participant: str, consent_on: date) -> None:
-        """Record a consent. Raises `RosterError` if not enrolled, consented already, or withdrawn."""
-        self._append(Consented, participant=participant, consent_on=consent_on)
+    def consent(self, participant: str, consent_on: date, approval: int = 1) -> None:
+        """Record a consent to the version that `approval` began.
+
+        Raises `RosterError` if not enrolled, consented to it or a later one already, or withdrawn.
+        """
+        self._append(Consented, participant=participant, consent_on=consent_on, approval=approval)
 
     def correct(self, participant: str, consent_on: date, reason: str) -> None:
         """Record another day of consent; the old one stays. Raises `RosterError` without one, or for a bad reason."""
@@ -226,10 +242,6 @@ class Roster:
     def known_day(self, today: date) -> date:
         """Return `today`, or the day of the last line where that is later: the machine's clock was set back."""
         return max([today, *(day(link.t_ns) for link in self.lines.links[-1:])])
-
-    def approval_on(self, on: date) -> int:
-        """Return the number of the last approval that began by the day `on`."""
-        return 1 + sum(one.from_on <= on for one in self.approved)
 
     def has_erased(self, file: str) -> bool:
         """Return whether a file of the dataset, by its path inside, was of a participant whose data were deleted."""
@@ -330,7 +342,7 @@ class Roster:
                         f"the place of participant {entry.takes} is not free", remedy=f"enrol {participant} again"
                     )
                 self.takes[participant] = entry.takes
-            self._set_consent(participant, entry.consent_on)
+            self._set_consent(participant, entry.consent_on, 1 if isinstance(entry, First) else entry.approval)
             return
         if isinstance(entry, Revealed):
             self.revealed.setdefault(participant, entry.revealed_on)
@@ -360,8 +372,8 @@ class Roster:
 
     def _apply_consent(self, entry: Consented | Corrected, known: date | None) -> None:
         participant = entry.participant
-        again = self.consented.get(participant, 0) < self.approval_on(entry.consent_on)
-        if isinstance(entry, Consented) and known is not None and not again:
+        before = self.consented.get(participant, 0)
+        if isinstance(entry, Consented) and known is not None and entry.approval <= before:
             raise RosterError(
                 f"participant {participant} consented on {known} already",
                 remedy="if that day is wrong, give --correct and --reason",
@@ -372,12 +384,14 @@ class Roster:
             )
         if isinstance(entry, Corrected):
             self.consents[participant].pop()
-        self._set_consent(participant, entry.consent_on)
+        self._set_consent(participant, entry.consent_on, before if isinstance(entry, Corrected) else entry.approval)
 
-    def _set_consent(self, participant: str, on: date | None) -> None:
+    def _set_consent(self, participant: str, on: date | None, approval: int) -> None:
+        if approval > len(self.approved) + 1:
+            raise RosterError(f"got consent to approval {approval}", allowed=f"1 to {len(self.approved) + 1}")
         self.consent_on[participant] = on
         if on is not None:
-            self.consented[participant] = self.approval_on(on)
+            self.consented[participant] = approval
             self.consents.setdefault(participant, []).append(on)
 
     def check_decision(self, entry: Approved | Stopped) -> None:

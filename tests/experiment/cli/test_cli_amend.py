@@ -69,7 +69,7 @@ def test_a_study_is_amended_after_it_was_shown_what_differs(
     code, _, err = palpate(*amend)
     assert code == 2
     page = tmp_path / "changes.html"
-    said = palpate(*amend, "--halfway", "session", "--consent-anew", "everybody", "--yes", "--html", page)
+    said = palpate(*amend, "--in-progress", "session", "--reconsent", "everybody", "--yes", "--html", page)
     assert said[0] == 0
     assert [told(err, study), told(said[1], study)] == approved
     assert page.read_text("utf-8").count("<tr>") == 3
@@ -84,7 +84,7 @@ def test_each_participant_is_refused_what_does_not_cover_them(
     study: MadeStudy, palpate: Palpate, approved: SnapshotAssertion
 ) -> None:
     amend = changed(study, palpate)
-    assert palpate(*amend, "--halfway", "old", "--consent-anew", "everybody", "--yes")[0] == 0
+    assert palpate(*amend, "--in-progress", "old", "--reconsent", "everybody", "--yes")[0] == 0
     old = storage.protocol_path(study.root)
     own = study.tasks
 
@@ -115,7 +115,7 @@ def test_status_knows_a_session_that_was_run_where_the_amendment_began_a_day_ear
     study: MadeStudy, palpate: Palpate
 ) -> None:
     today = date.today()
-    assert palpate(*changed(study, palpate), "--halfway", "session", "--consent-anew", "everybody", "--yes")[0] == 0
+    assert palpate(*changed(study, palpate), "--in-progress", "session", "--reconsent", "everybody", "--yes")[0] == 0
     assert palpate("consent", study.file, "-p", "03", "--consent-on", today, "--dataset", study.root)[0] == 0
     third = study.tasks[2]
     _, _, known = amendment.known_approvals(study.file, study.root)
@@ -131,7 +131,7 @@ def test_status_of_a_file_under_which_nobody_is_run_says_so(study: MadeStudy, pa
     for end in (".toml", ".seal.toml"):
         shutil.copy(study.file.with_suffix(end), old.with_suffix(end))
     amend = (*changed(study, palpate), "--from", today + timedelta(days=begins))
-    assert palpate(*amend, "--halfway", "session", "--consent-anew", "nobody", "--yes")[0] == 0
+    assert palpate(*amend, "--in-progress", "session", "--reconsent", "nobody", "--yes")[0] == 0
     shutil.copytree(study.root, study.file.with_name("participants") / "okamoto2012")
 
     def warned(file: Path) -> bool:
@@ -161,7 +161,7 @@ def test_an_end_is_asked_about_and_a_choice_beside_it_refused(
     monkeypatch.setattr("builtins.input", lambda _: "amend")
     assert palpate(*end)[0] == 2
     page = tmp_path / "page.html"
-    for extra in (("--halfway", "old"), ("--consent-anew", "nobody"), ("--from", "2090-01-01"), ("--html", page)):
+    for extra in (("--in-progress", "old"), ("--reconsent", "nobody"), ("--from", "2090-01-01"), ("--html", page)):
         assert palpate(*end, *extra, "--yes")[0] == 2
     assert storage.roster_path(study.root).read_bytes() == roster
     monkeypatch.setattr("builtins.input", lambda _: "end")

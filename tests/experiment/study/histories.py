@@ -64,7 +64,7 @@ def _read_version(content: bytes) -> Protocol:
 class Model:
     """What happened, as lists of plain facts; `covers` reads them from the first to the last.
 
-    `approvals` are (version, seal, first day, last day, halfway, consent anew), `stops` (day, whether stopped for a
+    `approvals` are (version, seal, first day, last day, in progress, reconsent), `stops` (day, whether stopped for a
     while, for good, or no longer). `sessions` are (participant, task) -> (index of approval, complete).
     """
 
@@ -85,6 +85,14 @@ class Model:
         """The index of the last approval that has begun."""
         return [index for index, one in enumerate(self.approvals) if index == 0 or one[2] <= day][-1]
 
+    def first(self, version: int) -> int:
+        """The index of the approval that began a version."""
+        return next(index for index, one in enumerate(self.approvals) if one[0] == version)
+
+    def begins(self, day: date) -> int:
+        """The version that somebody is under who begins on a day."""
+        return max(one[0] for one in self.approvals[: self.at(day) + 1])
+
     def covers(self, who: str, task: str, day: date) -> int | None:
         """The index of the approval for a session, None where there may be none."""
         if self.state(day) != "runs" or who in self.gone or self.consents.get(who) is None:
@@ -95,32 +103,25 @@ class Model:
         )
         if index is None or not self.approvals[index][2] <= day <= self.approvals[index][3]:
             return None
-        for later in range(1, index + 1):
+        for later in range(1, self.first(self.approvals[index][0]) + 1):
             if self.approvals[later][5] and (self.consents[who] or 0) < later:
                 return None
         return index
 
     def moved(self, who: str, task: str, day: date) -> int | None:
         own = [index for (label, _), (index, _) in self.sessions.items() if label == who]
-        if not own:
-            return self.at(day)
-        now = max(self.at(day), *own)
+        now = max([self.at(day), *own])
         begun = (who, task) in self.sessions
-        start = self.sessions[who, task][0] if begun else max(own)
-        version, place = self.approvals[start][0], start
+        start = self.sessions[who, task][0] if begun else max(own, default=now)
+        version = self.approvals[start][0] if own else self.begins(day)
         for index in range(start + 1, now + 1):
-            amended = self.approvals[index][0] != self.approvals[index - 1][0]
-            halfway = self.approvals[index][4]
-            if amended and begun and halfway == "new":
+            amended = self.first(self.approvals[index][0]) == index
+            in_progress = self.approvals[index][4]
+            if amended and begun and in_progress == "new":
                 return None
-            if amended and not begun and halfway in ("session", "new"):
-                version, place = self.approvals[index][0], index
-            elif not amended and self._unbroken(place, index) and self.approvals[index][0] == version:
-                place = index
-        return place
-
-    def _unbroken(self, first: int, last: int) -> bool:
-        return len({self.approvals[index][0] for index in range(first, last + 1)}) == 1
+            if amended and not begun and in_progress in ("session", "new"):
+                version = self.approvals[index][0]
+        return max(index for index in range(now + 1) if self.approvals[index][0] == version)
 
 
 @dataclass
@@ -152,7 +153,7 @@ class World:
             self.line_on = self.day
 
         self.patch.setattr(Roster, "_append", stamped)
-        self.write_version()
+        self.write_version(0)
         self.seal(BEGIN, BEGIN + timedelta(days=150))
         self.model.approvals.append((0, self.beside(), BEGIN, BEGIN + timedelta(days=150), "old", False))
 
@@ -172,9 +173,9 @@ class World:
         noon = datetime(self.day.year, self.day.month, self.day.day, 12, tzinfo=UTC)
         return int(noon.timestamp()) * 10**9
 
-    def write_version(self) -> None:
+    def write_version(self, version: int) -> None:
         text = shipped("okamoto2012.toml").read_text("utf-8")
-        limit = f"vibration_peak_m_s2 = {30 - self.version / 10}"
+        limit = f"vibration_peak_m_s2 = {30 - version / 10}"
         for old, new in (
             ("repetitions = 10", "repetitions = 1"),
             ("participants = 15", "participants = 4"),
@@ -210,9 +211,7 @@ class World:
             return
         signed = self.draw.random() < 0.8 and self.day >= self.model.approvals[0][2]
         kept = len(self.model.approvals) > 1 or self.model.sessions
-        at = self.model.at(self.day)
-        version = self.model.approvals[at][0]
-        first = next(index for index, one in enumerate(self.model.approvals) if one[0] == version)
+        first = self.model.first(self.model.begins(self.day))
         file = (
             storage.protocol_path(self.root, first + 1)
             if kept and storage.protocol_path(self.root).exists()
@@ -225,15 +224,18 @@ class World:
             assert not runs
             return
         assert runs
-        self.model.consents[who] = at if signed else None
+        self.model.consents[who] = first if signed else None
         self.seen["enrolment"] += 1
 
     def consent(self) -> None:
         who = self.draw.choice(list(self.model.consents))
-        at, had = self.model.at(self.day), self.model.consents[who]
+        version, had = self.draw.choice(self.model.approvals)[0], self.model.consents[who]
+        at = self.model.first(version)
         allowed = who not in self.model.gone and (had is None or had < at)
+        beside = self.model.approvals[-1][0] == version
+        file = self.file if beside else storage.protocol_path(self.root, at + 1)
         try:
-            enrolment.consent(self.file, who, self.day, root=self.root)
+            enrolment.consent(file, who, self.day, root=self.root)
         except PalpateError:
             assert not allowed
             return
@@ -247,19 +249,22 @@ class World:
             return
         if kind == "amendment":
             self.version += 1
-            self.write_version()
+        version = self.version if kind == "amendment" else self.draw.choice(self.model.approvals)[0]
+        self.write_version(version)
         lasts = begins + timedelta(days=self.draw.choice((20, 150)))
         self.seal(self.day, lasts)
-        halfway: Any = self.draw.choice(("old", "session", "new")) if kind == "amendment" else None
+        in_progress: Any = self.draw.choice(("old", "session", "new")) if kind == "amendment" else None
         anew = self.draw.random() < 0.5 if kind == "amendment" else None
-        planned = amendment.plan_approval(self.file, root=self.root, from_on=begins, halfway=halfway, consent_anew=anew)
+        planned = amendment.plan_approval(
+            self.file, root=self.root, from_on=begins, in_progress=in_progress, reconsent=anew
+        )
         if self.draw.random() < 0.3:
             # A kill after the copies and before the roster's line: the same command is run again.
             kept = storage.protocol_path(self.root, planned.number)
             storage.write_bytes(kept, b"half of")
             self.seen["kill of an amendment"] += 1
         amendment.record(self.file, planned, root=self.root)
-        self.model.approvals.append((self.version, self.beside(), begins, lasts, halfway or "old", bool(anew)))
+        self.model.approvals.append((version, self.beside(), begins, lasts, in_progress or "old", bool(anew)))
         self.seen[kind] += 1
 
     def renew(self) -> None:
@@ -374,8 +379,7 @@ class World:
         for (who, task), (index, _) in self.model.sessions.items():
             head = journal.read(storage.journal_path(self.root, who, task)).header
             version, seal = self.model.approvals[index][:2]
-            first = next(place for place, one in enumerate(self.model.approvals) if one[0] == version)
-            kept = files.load(storage.protocol_path(self.root, first + 1))
+            kept = files.load(storage.protocol_path(self.root, self.model.first(version) + 1))
             assert (head.seal_sha256, head.protocol_sha256) == (seal, approval.sha256(kept))
             assert head.task == self.allocation(who).tasks[head.task_position - 1]
         orders = [self.allocation(who).tasks for who in self.model.consents]

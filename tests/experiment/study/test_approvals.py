@@ -19,14 +19,14 @@ from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import journal
 from palpate.experiment.study import amendment, approvals, enrolment, roster
 from palpate.experiment.study.admission import admit
-from palpate.experiment.study.approvals import Approvals, Approved, Halfway, Stopped
+from palpate.experiment.study.approvals import Approvals, Approved, InProgress, Stopped
 from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.experiment.session.scripted import START_NS
 from tests.experiment.study.histories import BEGIN, Model, run_history
 from tests.faults.wrong import copied
 
-HALFWAY: tuple[Halfway, ...] = ("old", "session", "new")
+IN_PROGRESS: tuple[InProgress, ...] = ("old", "session", "new")
 
 
 @pytest.fixture(scope="module")
@@ -67,19 +67,20 @@ def drawn(draw: random.Random) -> tuple[Approvals, Model]:
     model, chain = Model(), list[Approved]()
     for number in range(1, draw.randint(2, 7)):
         version += number > 1 and draw.random() < 0.6
+        own = version if draw.random() < 0.7 or version > max((one[0] for one in model.approvals), default=-1) else 0
         days.append(days[-1] + timedelta(days=draw.choice((0, 5))))
-        halfway: Halfway = draw.choice(HALFWAY)
-        model.approvals.append((version, f"{number:064d}", days[-1], date.max, halfway, False))
+        in_progress: InProgress = draw.choice(IN_PROGRESS)
+        model.approvals.append((own, f"{number:064d}", days[-1], date.max, in_progress, False))
         chain.append(
             Approved(
                 number=number,
-                protocol_sha256=f"{version:064d}",
+                protocol_sha256=f"{own:064d}",
                 seal_sha256=f"{number:064d}",
                 approved_on=days[-1],
                 expires_on=date.max,
                 from_on=days[-1],
-                halfway=halfway,
-                consent_anew=False,
+                in_progress=in_progress,
+                reconsent=False,
             )
         )
     return Approvals(tuple(chain)), model
@@ -114,15 +115,15 @@ def test_a_history_stands_under_the_approvals_of_a_naive_model(seed: int, tmp_pa
 
 def test_an_amendment_keeps_both_versions_and_their_sessions(study: MadeStudy) -> None:
     change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
-    planned = amendment.plan_approval(study.file, root=study.root, halfway="session", consent_anew=True)
-    assert (planned.number, planned.halfway, planned.consent_anew) == (2, "session", True)
+    planned = amendment.plan_approval(study.file, root=study.root, in_progress="session", reconsent=True)
+    assert (planned.number, planned.in_progress, planned.reconsent) == (2, "session", True)
     kept = amendment.record(study.file, planned, root=study.root)
     assert kept == storage.protocol_path(study.root, 2)
     build.build(study.root)
     dataset = checks.load_sound(study.root)
     assert [version.exposure.vibration_peak_m_s2 for version in dataset.versions.values()] == [30.0, 25.0]
     _, roster, known = amendment.known_approvals(study.file, study.root)
-    assert amendment.to_consent_anew(study.root, known, roster, planned.from_on) == ("01", "02")
+    assert amendment.to_reconsent(study.root, known, roster, planned.from_on) == ("01", "02")
     with pytest.raises(RosterError, match="approval 2"):
         amendment.plan_approval(study.file, root=study.root)
 
@@ -131,7 +132,7 @@ def test_a_header_names_the_seal_and_one_that_is_gone_is_refused(study: MadeStud
     header = journal.read(study.journal()).header
     assert header.seal_sha256 == approvals.seal_sha256(storage.protocol_path(study.root))
     change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
-    planned = amendment.plan_approval(study.file, root=study.root, halfway="old", consent_anew=False)
+    planned = amendment.plan_approval(study.file, root=study.root, in_progress="old", reconsent=False)
     amendment.record(study.file, planned, root=study.root)
     storage.protocol_path(study.root, 2).unlink()
     with pytest.raises(DatasetError, match=r"protocol-2\.toml"):
@@ -140,8 +141,8 @@ def test_a_header_names_the_seal_and_one_that_is_gone_is_refused(study: MadeStud
 
 def test_a_renewal_has_no_choices_and_a_seal_is_recorded_once(study: MadeStudy) -> None:
     seal_again(study)
-    with pytest.raises(RosterError, match="--halfway"):
-        amendment.plan_approval(study.file, root=study.root, halfway="old")
+    with pytest.raises(RosterError, match="--in-progress"):
+        amendment.plan_approval(study.file, root=study.root, in_progress="old")
     planned = amendment.plan_approval(study.file, root=study.root)
     amendment.record(study.file, planned, root=study.root)
     assert len(checks.load_sound(study.root).versions) == 1
@@ -162,13 +163,13 @@ def test_another_study_is_no_amendment(study: MadeStudy, old: str, new: str, fie
     study.file.write_text(text, "utf-8")
     change(study, old, new)
     with pytest.raises(DatasetError, match=field):
-        amendment.plan_approval(study.file, root=study.root, halfway="old", consent_anew=False)
+        amendment.plan_approval(study.file, root=study.root, in_progress="old", reconsent=False)
 
 
 def test_nobody_changes_the_order_of_tasks_of_somebody_enrolled(study: MadeStudy) -> None:
     change(study, 'kind = "counterbalanced"', 'kind = "fixed"')
     with pytest.raises(DatasetError, match="participant 02"):
-        amendment.plan_approval(study.file, root=study.root, halfway="old", consent_anew=False)
+        amendment.plan_approval(study.file, root=study.root, in_progress="old", reconsent=False)
 
 
 def test_a_study_is_suspended_lifted_and_ended_in_this_order(study: MadeStudy) -> None:
@@ -201,15 +202,15 @@ def test_stops_are_recorded_in_any_order(study: MadeStudy) -> None:
 
 def test_what_cannot_be_recorded_is_refused_before_anything_is_copied(study: MadeStudy) -> None:
     change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
-    planned = amendment.plan_approval(study.file, root=study.root, from_on=BEGIN, halfway="old", consent_anew=False)
+    planned = amendment.plan_approval(study.file, root=study.root, from_on=BEGIN, in_progress="old", reconsent=False)
     amendment.record(study.file, planned, root=study.root)
     change(study, "vibration_peak_m_s2 = 25.0", "vibration_peak_m_s2 = 24.0")
     with pytest.raises(RosterError, match=str(BEGIN)):
         earlier = BEGIN - timedelta(days=1)
-        amendment.plan_approval(study.file, root=study.root, from_on=earlier, halfway="old", consent_anew=False)
+        amendment.plan_approval(study.file, root=study.root, from_on=earlier, in_progress="old", reconsent=False)
     amendment.stop(study.file, "ended", date(2089, 1, 1), "letter", root=study.root)
     with pytest.raises(RosterError, match="2089-01-01"):
-        amendment.plan_approval(study.file, root=study.root, halfway="old", consent_anew=False)
+        amendment.plan_approval(study.file, root=study.root, in_progress="old", reconsent=False)
 
 
 def test_an_interrupted_amendment_is_not_anchored(study: MadeStudy) -> None:
@@ -233,7 +234,7 @@ def test_whose_session_was_ended_hears_what_is_left(study: MadeStudy, place: int
     if place:
         study.run(study.header(own.participant, own.tasks[1]), keys="c")
     change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
-    planned = amendment.plan_approval(study.file, root=study.root, halfway="new", consent_anew=False)
+    planned = amendment.plan_approval(study.file, root=study.root, in_progress="new", reconsent=False)
     amendment.record(study.file, planned, root=study.root)
     with pytest.raises(RosterError, match=remedy):
         admit(study.root, study.file, study.protocol, own, own.tasks[place], "rig.toml", date.today())
@@ -274,3 +275,42 @@ def test_the_last_day_of_an_approval_ends_where_the_session_was_run(
 def test_an_approval_may_end_on_the_last_day_that_there_is(tmp_path: Path) -> None:
     study = run_once(tmp_path / "study", date.max)
     assert verify.verify(study.root).refused == 0
+
+
+def test_the_text_of_an_amendment_is_signed_before_its_first_day(study: MadeStudy) -> None:
+    change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
+    planned = amendment.plan_approval(study.file, root=study.root, from_on=BEGIN, in_progress="session", reconsent=True)
+    amendment.record(study.file, planned, root=study.root)
+    before = Roster.load(storage.roster_path(study.root)).consents["01"]
+    enrolment.consent(study.file, "01", date.today(), root=study.root)
+    _, roster, known = amendment.known_approvals(study.file, study.root)
+    assert (roster.consented["01"], roster.consents["01"]) == (2, [*before, date.today()])
+    assert amendment.to_reconsent(study.root, known, roster, BEGIN) == ("02",)
+    for file in (study.file, storage.protocol_path(study.root)):
+        with pytest.raises(RosterError, match="already"):
+            enrolment.consent(file, "01", date.today(), root=study.root)
+    enrolment.consent(study.file, "01", date(2020, 5, 6), root=study.root, correction="a slip of the pen")
+    assert Roster.load(storage.roster_path(study.root)).consented["01"] == 2
+    study.file.write_text(study.file.read_text("utf-8").replace("= 25.0", "= 24.0"), "utf-8")
+    with pytest.raises(DatasetError, match="another version"):
+        enrolment.consent(study.file, "02", date.today(), root=study.root)
+
+
+def test_a_superseded_version_is_renewed_for_those_it_covers(study: MadeStudy) -> None:
+    change(study, "vibration_peak_m_s2 = 30.0", "vibration_peak_m_s2 = 25.0")
+    planned = amendment.plan_approval(study.file, root=study.root, in_progress="old", reconsent=True)
+    amendment.record(study.file, planned, root=study.root)
+    change(study, "vibration_peak_m_s2 = 25.0", "vibration_peak_m_s2 = 30.0")
+    renewed = amendment.plan_approval(study.file, root=study.root)
+    amendment.record(study.file, renewed, root=study.root)
+    dataset = checks.load_sound(study.root)
+    assert dataset.protocol.exposure.vibration_peak_m_s2 == 25.0
+    known, own, today = dataset.approvals, study.tasks[0], date.today()
+    assert known is not None
+    assert (known.version_on(today), known.consent_needed(3)) == (2, 1)
+    admission = admit(study.root, study.file, study.protocol, own, own.tasks[1], "rig.toml", today)
+    assert admission.approved.number == 3
+    with pytest.raises(DatasetError, match="approval 2"):
+        enrolment.enrol(study.file, "03", today, root=study.root, seed=None)
+    enrolment.enrol(storage.protocol_path(study.root, 2), "03", today, root=study.root, seed=None)
+    assert Roster.load(storage.roster_path(study.root)).consented["03"] == 2

@@ -44,9 +44,9 @@ def test_the_file_holds_labels_and_days_alone(roster: Roster) -> None:
     roster.correct("02", TODAY - timedelta(1), "the letter says so")
     roster.withdraw("01", "asked to stop")
     assert [json.loads(line)["entry"] for line in roster.path.read_text(encoding="utf-8").splitlines()] == [
-        {"kind": "enrolled", "participant": "01", "consent_on": "2020-06-01"},
-        {"kind": "enrolled", "participant": "02", "consent_on": None},
-        {"kind": "consented", "participant": "02", "consent_on": "2020-06-01"},
+        {"kind": "enrolled", "participant": "01", "consent_on": "2020-06-01", "approval": 1},
+        {"kind": "enrolled", "participant": "02", "consent_on": None, "approval": 1},
+        {"kind": "consented", "participant": "02", "consent_on": "2020-06-01", "approval": 1},
         {"kind": "corrected", "participant": "02", "consent_on": "2020-05-31", "reason": "the letter says so"},
         {"kind": "withdrawn", "participant": "01", "reason": "asked to stop"},
     ]
