@@ -58,7 +58,7 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def identifies(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The source without every wing that the identification of steps does not need."""
-    wings = (*COMMON, "comparison", "levels", "tapping", "stepping", "tap fit", "imports", "voice")
+    wings = (*COMMON, "comparison", "levels", "tapping", "servo", "prose", "stepping", "tap fit", "imports", "voice")
     folder = copied(tmp_path_factory.mktemp("identifies"), wings)
     unlisted(folder, "kinds", "tapping")
     unlisted(folder, "designs", "comparison")
@@ -78,7 +78,7 @@ def test_an_identification_needs_none_of_them(identifies: Path) -> None:
 
 def test_a_comparison_of_taps_needs_no_other_kind_or_design(tmp_path: Path) -> None:
     """Its protocol has a fourth of the repetitions; the rehearsal ends with the analysis."""
-    wings = (*COMMON, "identification", "footstep", "levels", "stepping", "tap fit", "imports", "voice")
+    wings = (*COMMON, "identification", "footstep", "levels", "prose", "stepping", "tap fit", "imports", "voice")
     source = copied(tmp_path, wings)
     unlisted(source, "kinds", "footstep")
     protocol = source / "protocols" / "wellman1995.toml"
@@ -99,6 +99,17 @@ def test_a_command_of_a_wing_says_that_it_is_not_installed(identifies: Path, win
     assert (refused.returncode, refused.stdout) == (2, "")
     assert module_of(WINGS[wing][0]) in refused.stderr
     assert len(refused.stderr.splitlines()) == 1
+
+
+def test_an_audit_of_printed_numbers_reads_no_sentences(tmp_path: Path) -> None:
+    source = copied(tmp_path, ("prose",))
+    done = run(source, "audit", "okamoto2012")
+    assert done.returncode == 0, done.stderr
+    page = source / "paper.html"
+    page.write_text("<p>t(11) = 8.14, p < .001</p>", "utf-8")
+    refused = run(source, "audit", "paper.html")
+    assert refused.returncode == 2
+    assert module_of(WINGS["prose"][0]) in refused.stderr
 
 
 def test_a_dataset_of_a_kind_that_is_not_installed_is_refused(identifies: Path) -> None:

@@ -22,7 +22,6 @@ from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import FromResults
 from palpate.analysis.audit.mistakes import Citation, Line
 from palpate.analysis.audit.print_lines import print_lines
-from palpate.analysis.audit.sentences import sentence_lines
 from palpate.analysis.documents.tables import Column, Record, Section, Table, blocks, plural, tabulate, text
 from palpate.analysis.identification.results import Results, TaskResult, compute
 from palpate.analysis.published import paper
@@ -193,6 +192,8 @@ def audit(target: str, against: Path | None = None, stated: Stated | None = None
             f"--against {against}", f"{target} is no dataset", "give the folder of one, or leave it out"
         )
     if is_paper:
+        from palpate.analysis.audit.sentences import sentence_lines
+
         found = paper.read(path, stated or Stated())
         lines = (*print_lines(found.printed), *sentence_lines(found.tests, one_tailed=found.one_tailed))
         if not lines:

@@ -13,14 +13,15 @@ from html.parser import HTMLParser
 from itertools import chain, groupby, repeat
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from palpate.analysis.published import prose
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.published.printed import POSITIVE
-from palpate.analysis.published.prose import Reported
 from palpate.experiment.errors import PalpateError, ProtocolError, PublishedError
 from palpate.experiment.settings import delimited, load
+
+if TYPE_CHECKING:
+    from palpate.analysis.published.prose import Reported
 
 PAGES, TEXTS = (".html", ".htm", ".xhtml"), (".txt", ".md", ".tex", ".pdf", ".docx")
 SUFFIXES = (*PAGES, ".csv", ".tsv", *TEXTS)
@@ -68,7 +69,7 @@ class Paper:
     printed: Published
     passed_over: tuple[str, ...]
     unread: int = 0
-    tests: tuple[Reported, ...] = ()
+    tests: "tuple[Reported, ...]" = ()
     one_tailed: bool = False
 
 
@@ -77,6 +78,8 @@ def read(path: Path, stated: Stated) -> Paper:
 
     Raises `PublishedError` in one line, for a file that cannot be read or holds nothing that can be checked.
     """
+    from palpate.analysis.published import prose
+
     suffix = path.suffix.lower()
     text = "" if suffix in (".csv", ".tsv") else _text(path, stated.file)
     words = prose.words(text) if suffix in PAGES else text

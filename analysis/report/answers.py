@@ -55,8 +55,8 @@ TWO_WAY_ERRS = (
 ONE_WAY_ERRS = "This ANOVA takes four ratios of each participant as independent, so its P is not exact."
 BY_FLIPS = "Exact sign flips answer here; the t-tests and the ANOVA as published stand below, each under its own mark."
 OVER = {
-    "any population": "Somebody is not shown to be better than chance while most answers are right. The interval of {} "
-    "allows for any population of participants.",
+    "any population": "Somebody answers more like one who guesses than like the others. The interval of {} allows for "
+    "any population of participants.",
     "trials": "There is one participant. The interval of {} is of this participant's trials (Clopper and Pearson).",
 }
 """What an interval is of, unless of participants who differ in one way."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.optimize import brentq
-from scipy.special import bdtrc, expit, logit, stdtrit
+from scipy.special import expit, logit, stdtrit, xlogy
 
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
 from palpate.analysis.statistics.inference import CONFIDENCE, clopper_pearson
@@ -33,9 +33,8 @@ LINKED = 1 - 1e-12
 EDGE = 0.1
 """Within so much of 0 or 1 a difference is squared and added."""
 
-MOST, DOUBTFUL = 0.8, 0.05
-"""Above this mean share somebody who may guess is of another kind, and above this exact P of one tail somebody may:
-ours, by rule of thumb."""
+MOST = 0.8
+"""Above this mean share somebody who may guess is of another kind: ours, by rule of thumb."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +68,14 @@ def first_limits(right: Integers, trials: Integers, chance: float) -> Limits:
 
 
 def may_guess(right: Integers, trials: Integers, chance: float) -> NDArray[np.bool_]:
-    """Return whether somebody is not shown to be better than `chance` while the mean share is above `MOST`.
+    """Return whether somebody's answers are likelier by `chance` than by the mean share, while that is above `MOST`.
 
-    Counts have the shape (..., participants), each with a trial or more; the test is the exact binomial one.
+    Counts have the shape (..., participants), each with a trial or more; likelihoods are binomial.
     """
-    by_luck = bdtrc(right - 1, trials, chance)
-    return np.asarray((by_luck > DOUBTFUL).any(axis=-1) & ((right / trials).mean(axis=-1) > MOST))
+    mean = (right / trials).mean(axis=-1, keepdims=True)
+    by_mean = xlogy(right, mean) + xlogy(trials - right, 1 - mean)
+    by_chance = xlogy(right, chance) + xlogy(trials - right, 1 - chance)
+    return np.asarray((by_chance > by_mean).any(axis=-1) & (mean[..., 0] > MOST))
 
 
 def population_limits(right: Integers, trials: Integers) -> Limits:

@@ -63,12 +63,16 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/rehearsal/voice.py",
         "experiment/rehearsal/wires/mouth.py",
     ),
-    "tapping": (
+    "servo": (
         "experiment/apparatus/doctor/force.py",
         *(
             f"experiment/apparatus/servo/{name}.py"
             for name in ("budget", "device", "link", "opening", "process", "rendering")
         ),
+        "experiment/rehearsal/wires/force_device.py",
+        "experiment/synthesis/contact",
+    ),
+    "tapping": (
         "experiment/dataset/kinds/tapping.py",
         "experiment/dataset/kinds/tapping.toml",
         "experiment/protocol/kinds/tapping.py",
@@ -76,9 +80,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/records/kinds/tapping.json",
         "experiment/records/kinds/tapping.py",
         "experiment/rehearsal/kinds/tapping",
-        "experiment/rehearsal/wires/force_device.py",
         "experiment/session/kinds/tapping",
-        "experiment/synthesis/contact",
         "experiment/synthesis/tap.py",
     ),
     "footstep": (
@@ -147,12 +149,30 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/protocol/page/comparison.py",
         "experiment/rehearsal/designs/comparison.py",
     ),
-    "audit": ("analysis/audit", "analysis/published/paper.py", "analysis/published/prose.py"),
+    "audit": (
+        *(
+            f"analysis/audit/{name}"
+            for name in (
+                "__init__.py",
+                "about.md",
+                "audit.py",
+                "bounds.py",
+                "causes.py",
+                "checks.py",
+                "evidence.py",
+                "mistakes.py",
+                "print_lines.py",
+            )
+        ),
+        "analysis/published/paper.py",
+    ),
+    "prose": ("analysis/audit/sentences.py", "analysis/published/prose.py"),
     "power": ("analysis/power",),
     "numerics": ("analysis/numerics",),
     "validation": ("analysis/validation",),
 }
-"""The rooms and modules of each: `tapping` with servo and contact, `footstep` with recordings, `audit` with papers."""
+"""The rooms and modules of each: `servo` with contact, `footstep` with recordings, `audit` with papers, `prose` with
+what reads their sentences."""
 
 
 def trunk_modules(trunk: Trunk, imports: Imports) -> set[str]:
