@@ -21,7 +21,7 @@ from tests.measures.source import FOLDERS, PACKAGE, REPOSITORY, Source, entries,
 TRUNKS: Mapping[str, int] = {"session": 21_500, "analysis": 15_500}
 """The most lines of each trunk. With those of a wing they take the place of limits on all lines, modules and imports of
 the source: what a session or an analysis cannot do without is to stay small, and what can be taken away may come. They
-had 19,344 and 13,828 lines when this second and last step was taken."""
+had 19,344 and 13,912 lines when this second and last step was taken."""
 
 WING = 4_500
 """The most lines of a wing."""
