@@ -6,9 +6,7 @@ model's rules. Allowed values are told in the words of palpate's own error messa
 
 from __future__ import annotations
 
-import inspect
 import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -22,6 +20,7 @@ from palpate.experiment.protocol.models import PlannedTest
 from palpate.experiment.protocol.rules import pairs
 from palpate.experiment.settings import load
 from palpate.experiment.settings.load import Confined, none
+from palpate.experiment.settings.schema import meanings, summary
 
 README = Path(__file__).parent.parent / "protocols" / "README.md"
 BEGIN, END = "<!-- keys: written by python -m tests.keys -->", "<!-- end of keys -->"
@@ -63,16 +62,8 @@ def written(readme: str) -> str:
     return f"{before}{BEGIN}\n\n{keys()}\n\n{END}{after}"
 
 
-def meanings(model: type[Confined]) -> dict[str, str]:
-    """Return what the model's docstring says of each key under `Attributes:`."""
-    _, _, listed = inspect.cleandoc(model.__doc__ or "").partition("Attributes:\n")
-    entries = re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", listed, re.MULTILINE)
-    return {name: " ".join(text.split()).rstrip(".") for name, text in entries}
-
-
 def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, ...]) -> Iterator[str]:
     """Yield one table of keys for a model, and one for each model that it holds."""
-    summary, _, _ = inspect.cleandoc(model.__doc__ or "").partition("\n\nAttributes:")
     said = meanings(model)
     rows = ["| key | meaning | unit | allowed | default |", "|:--|:--|:--|:--|:--|"]
     inner: list[str] = []
@@ -90,7 +81,7 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
         default = "required" if field.is_required() else _default(field.default)
         rows.append(f"| `{name}` | {said[name]} | {_unit(name)} | {allowed} | {default} |".replace("  ", " "))
     heading = f"### {_header(path)}" if path else "### The top level"
-    parts = [heading, " ".join(summary.split()), "\n".join(rows)]
+    parts = [heading, summary(model), "\n".join(rows)]
     rules = [model.RULES] if model.RULES is not none else []
     if model is ProtocolFile:
         rules += [

@@ -8,6 +8,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.protocol import rules
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.settings.load import Confined
+from palpate.experiment.settings.schema import meanings
 from tests import keys
 
 
@@ -18,7 +19,7 @@ def models(model: type[Confined]) -> list[type[Confined]]:
 
 @pytest.mark.parametrize("model", [*models(ProtocolFile), *models(Rig)], ids=lambda model: model.__name__)
 def test_every_key_has_a_meaning(model: type[Confined]) -> None:
-    assert list(keys.meanings(model)) == list(model.model_fields)
+    assert list(meanings(model)) == list(model.model_fields)
 
 
 def test_the_readme_lists_the_keys_of_the_models() -> None:

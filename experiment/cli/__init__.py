@@ -14,6 +14,7 @@ COMMANDS = {
         "plan": ("recordings", "Print what a task needs and what it leaves out."),
         "rehearse": ("laboratory", "Run a whole study with simulated participants."),
         "seal": ("protocol", "Record the board's approval of a protocol."),
+        "schema": ("protocol", "Write the JSON Schema of a protocol or rig file, for an editor."),
     },
     "Prepare a rig": {
         "devices": ("rig", "List the devices of this machine."),

@@ -81,6 +81,7 @@ MADE_BY_PALPATE = (
     b"<dc:title>palpate</dc:title>",
     b"Software\0palpate",
     b"/Creator (palpate)",
+    b'"$comment": "made by palpate',
 )
 """What its pages, and its figures as SVG, PNG and PDF, say of who made them."""
 

@@ -372,3 +372,30 @@ def seal(
     )
     if replaces:
         typer.echo("The earlier seal is replaced. Datasets that were begun under it keep their copy of it.")
+
+
+@commands.command(epilog="Example: palpate schema protocol --out protocol.schema.json")
+def schema(
+    of: Annotated[Literal["protocol", "rig"], typer.Argument(metavar="protocol|rig", help="The file to describe.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE.json", help="Write it there [default: print it].")
+    ] = None,
+) -> None:
+    """Write the JSON Schema of a protocol or rig file, for an editor.
+
+    An editor with a TOML language server then completes keys, shows what they mean, and marks what is not allowed. New
+    files begin with a line `#:schema protocol.schema.json` or `#:schema rig.schema.json`, which names the schema beside
+    them. Rules between keys are checked by palpate check alone.
+    """
+    import json
+
+    from palpate.experiment.apparatus.rig import Rig
+    from palpate.experiment.protocol import files
+    from palpate.experiment.settings.schema import schema as described
+
+    made = described(files.ProtocolFile if of == "protocol" else Rig, f"{of} file of palpate")
+    if out is None:
+        options.put(made)
+        return
+    options.put_file(out, (json.dumps(made, indent=1) + "\n").encode())
+    typer.echo(f"Schema: {out}. A {of} file names it on its first line: #:schema {out.name}")

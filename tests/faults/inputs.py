@@ -470,6 +470,7 @@ STARTED = (
     ("power", "study.toml", "--model", "model.toml", "--studies", "20"),
     ("plan", "study.toml"),
     ("rehearse", "study.toml", "--rig", "rig.toml", "--out", "out"),
+    ("schema", "protocol"),
     ("seal", "study.toml", "--approval-number", "1", "--approved-on", "2020-01-01", "--expires-on", "2030-01-01"),
     ("devices",),
     ("calibrate", "actuator", "--rig", "rig.toml"),
