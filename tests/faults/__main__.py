@@ -1,4 +1,4 @@
-"""Run the fault campaign: `python -m tests.faults [PART...] [--subset]`; without --subset it writes the README.
+"""Run the fault campaign: `python -m tests.faults [PART...] [--subset]`; without --subset it writes the table.
 
 `python -m tests.faults forged OUT` writes what verify reports of forged datasets, which is no part of the campaign.
 """

@@ -1,20 +1,22 @@
 """The fault campaign: what is done to palpate, how often, and what it survived.
 
 Each part is a module of this folder with a function `attacks(size)` that yields one `Count` a kind of fault. The suite
-runs a small part of each; `python -m tests.faults` runs everything and writes the table of this folder's README, part
-by part.
+runs a small part of each; `python -m tests.faults` runs everything and writes `table.csv`, part by part, and its sums
+into the README.
 """
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from importlib import import_module
-from itertools import chain
+from itertools import groupby
 from pathlib import Path
 
 README = Path(__file__).with_name("README.md")
+TABLE = README.with_name("table.csv")
 BEGIN, END = "<!-- campaign -->", "<!-- end of campaign -->"
 
 PARTS: tuple[str, ...] = (
@@ -67,11 +69,23 @@ def attacks(part: str, size: Size) -> Iterator[Count]:
     yield from import_module(f"tests.faults.{part}").attacks(size)
 
 
-def write(part: str, counts: Iterable[Count], readme: Path = README) -> None:
-    """Replace the rows of one part in the README's table, which has the parts in their order."""
-    text = readme.read_text("utf-8")
-    before, table, after = text.split(BEGIN)[0], text.split(BEGIN)[1].split(END)[0], text.split(END)[1]
-    rows = {one: [line for line in table.splitlines() if line.startswith(f"| `{one}` |")] for one in PARTS}
-    rows[part] = [f"| `{part}` | {one.fault} | {one.tried:,} | {one.survived:,} | {one.lost:,} |" for one in counts]
-    lines = ["| part | fault | tried | survived | lost |", "|:--|:--|--:|--:|--:|", *chain(*rows.values())]
-    readme.write_text("\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{after}"]), "utf-8")
+def write(part: str, counts: Iterable[Count], table: Path = TABLE, readme: Path = README) -> None:
+    """Replace the rows of one part in the table, which has the parts in their order, and the sums in the README."""
+    with table.open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    new = [[part, one.fault, *map(str, (one.tried, one.survived, one.lost))] for one in counts]
+    rows = sorted([*(row for row in rows if row[0] != part), *new], key=lambda row: PARTS.index(row[0]))
+    with table.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([header, *rows])
+    before, _, after = readme.read_text("utf-8").partition(BEGIN)
+    readme.write_text("\n\n".join([before + BEGIN, sums(rows), END + after.partition(END)[2]]), "utf-8")
+
+
+def sums(rows: Iterable[list[str]]) -> str:
+    """Return the README's table: of each part that has rows, how many faults, and the sums of their counts."""
+    lines = ["| part | faults | tried | survived | lost |", "|:--|--:|--:|--:|--:|"]
+    for part, group in groupby(rows, key=lambda row: row[0]):
+        counts = [[int(count) for count in row[2:]] for row in group]
+        total = (f"{sum(column):,}" for column in zip(*counts, strict=True))
+        lines.append(f"| `{part}` | {' | '.join([str(len(counts)), *total])} |")
+    return "\n".join(lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import pytest
 
 from palpate.experiment.cli import COMMANDS
 from tests.faults import campaign
-from tests.faults.campaign import BEGIN, END, PARTS, Count, Size
+from tests.faults.campaign import BEGIN, END, PARTS, TABLE, Count, Size
 from tests.faults.inputs import STARTED
 from tests.faults.patches import PATCHES, Patch
 
@@ -52,12 +53,25 @@ def test_ctrl_c_is_tried_at_the_start_of_every_command() -> None:
 
 
 def test_a_part_that_ran_replaces_its_own_rows_and_no_others(tmp_path: Path) -> None:
-    readme = tmp_path / "README.md"
+    readme, table = tmp_path / "README.md", tmp_path / "table.csv"
     readme.write_text(f"Before.\n\n{BEGIN}\n\nNothing yet.\n\n{END}\n\nAfter.\n")
-    for part, tried in (("texts", 1), ("kills", 2), ("texts", 3000)):
-        campaign.write(part, [Count(f"a fault of {part}", tried, tried)], readme)
+    table.write_text("part,fault,tried,survived,lost\n")
+    for part, tried in (("texts", [1]), ("kills", [2]), ("texts", [3000, 4])):
+        campaign.write(part, [Count(f"{each} faults, of {part}", each, each - 1) for each in tried], table, readme)
+    with table.open(encoding="utf-8", newline="") as file:
+        assert [row for row in csv.reader(file) if row[0] in PARTS] == [
+            ["kills", "2 faults, of kills", "2", "1", "0"],
+            ["texts", "3000 faults, of texts", "3000", "2999", "0"],
+            ["texts", "4 faults, of texts", "4", "3", "0"],
+        ]
     assert readme.read_text() == (
-        f"Before.\n\n{BEGIN}\n\n| part | fault | tried | survived | lost |\n|:--|:--|--:|--:|--:|\n"
-        "| `kills` | a fault of kills | 2 | 2 | 0 |\n| `texts` | a fault of texts | 3,000 | 3,000 | 0 |\n"
-        f"\n{END}\n\nAfter.\n"
+        f"Before.\n\n{BEGIN}\n\n| part | faults | tried | survived | lost |\n|:--|--:|--:|--:|--:|\n"
+        f"| `kills` | 1 | 2 | 1 | 0 |\n| `texts` | 2 | 3,004 | 3,002 | 0 |\n\n{END}\n\nAfter.\n"
     )
+
+
+def test_the_readme_has_the_sums_of_the_table() -> None:
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        _, *rows = csv.reader(file)
+    shown = campaign.README.read_text("utf-8").partition(BEGIN)[2].partition(END)[0]
+    assert shown.strip() == campaign.sums(rows)

@@ -1,6 +1,6 @@
 """Live sessions that end by SIGKILL at a write call of their journal, or before the fsync of one.
 
-`python -m tests.faults.writes KILLS` makes so many, and writes nothing into the README.
+`python -m tests.faults.writes KILLS` makes so many, and changes no table.
 """
 
 from __future__ import annotations
