@@ -1,12 +1,13 @@
-"""Every key of a protocol file and of a rig file, for protocols/README.md: `python -m tests.keys` writes it there.
+"""Every key of a protocol file and of a rig file: `python -m tests.keys` writes them into protocols/keys.md.
 
 What a key means stands under `Attributes:` of its model, and what must hold between keys in the docstring of the
-model's rules. Allowed values are told in the words of palpate's own error messages.
+model's rules. Allowed values are those of palpate's own error messages, in short.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -19,69 +20,78 @@ from palpate.experiment.protocol.kinds import kind_of
 from palpate.experiment.protocol.models import PlannedTest
 from palpate.experiment.protocol.rules import pairs
 from palpate.experiment.settings import load
-from palpate.experiment.settings.load import Confined, none
+from palpate.experiment.settings.load import VISIBLE, Confined, none
 from palpate.experiment.settings.schema import meanings, summary
 
-README = Path(__file__).parent.parent / "protocols" / "README.md"
-BEGIN, END = "<!-- keys: written by python -m tests.keys -->", "<!-- end of keys -->"
+FILE = Path(__file__).parent.parent / "protocols" / "keys.md"
 
-UNITS = {
-    "_m_s2": "m/s²",
-    "_mm_s": "mm/s",
-    "_mm": "mm",
-    "_px": "pixels",
-    "mm": "mm",
-    "_hz": "Hz",
-    "_ms": "ms",
-    "_min": "min",
-    "_db_a": "dB(A)",
-    "_db": "dB",
-    "_days": "days",
-    "_months": "months",
-    "_v": "V",
-    "_n": "N",
-    "_n_m": "N/m",
-    "_n_s_m": "N s/m",
-    "_kg": "kg",
-    "_s": "s",
-    "gain_limit_v_per_m_s2": "V per m/s²",
-    "baud": "bits/s",
+KINDS = {
+    "text": f"text, not blank, {VISIBLE}",
+    "text or none": f"text {VISIBLE}",
+    "line": f"one line of text, not blank, {VISIBLE}",
+    "name": f"one line of 1 to 40 characters, a letter or digit first, no blank last, without double quotes or letters "
+    f"that run from right to left, {VISIBLE}",
+    "label": "up to 32 lower-case letters and digits, a letter first (it names files)",
+    "key": "one ASCII character, neither a capital letter nor a blank",
+    "date": "a date without quotes, such as 2012-04-01",
+    "address": "host:port, such as 127.0.0.1:4711, a port of its own for each server",
+    "table file": "the name of a .csv file in the folder of the rig file",
+    "hash": "64 hexadecimal digits, as sha256sum prints them",
+    "PsychoPy key": "a key as PsychoPy names it: up, down, left, right, return, space, num_add, a, 1",
+    "path": "a path, from the folder of the rig file or, after ~/, from your home folder",
 }
+"""What stands for words of palpate's errors, which the head of the file repeats."""
+
+SHORT = (
+    (r"at least (\S+) and at most (\S+)", r"\1 to \2"),
+    (r"greater than (\S+) and", r"> \1,"),
+    ("greater than ", ">"),
+    ("less than ", "<"),
+    ("at least ", "≥"),
+    ("at most ", "≤"),
+    ("a whole number", "whole"),
+    ("a number ", ""),
+    ("an array, each", "array of"),
+    (r"an array of (.+?), each (.+)", r"array of \2, \1"),
+    ("one of: ", ""),
+    ("true or false", "yes/no"),
+)
+
+HEAD = """# Keys
+
+Written by `python -m tests.keys`. `?` marks an optional key, `=` a default; units end the names.
+"""
 
 
 def keys() -> str:
-    """Return what stands between the markers of protocols/README.md, in Markdown."""
+    """Return the whole file, in Markdown."""
     files = (("A protocol file", ProtocolFile), ("A rig file", Rig))
-    return "\n\n".join(f"## {title}\n\n" + "\n\n".join(_tables(model, model, ())) for title, model in files)
-
-
-def written(readme: str) -> str:
-    """Return the text of the README with its keys as the models have them."""
-    before, _, rest = readme.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n\n{keys()}\n\n{END}{after}"
+    kinds_of_value = "\\\n".join(f"*{name}*: {words}" for name, words in KINDS.items())
+    parts = (f"## {title}\n\n" + "\n\n".join(_tables(model, model, ())) for title, model in files)
+    return "\n\n".join([HEAD.rstrip(), kinds_of_value, *parts]) + "\n"
 
 
 def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, ...]) -> Iterator[str]:
-    """Yield one table of keys for a model, and one for each model that it holds."""
+    """Yield a list of the keys of a model, and one for each model that it holds."""
     said = meanings(model)
-    rows = ["| key | meaning | unit | allowed | default |", "|:--|:--|:--|:--|:--|"]
+    rows: list[str] = []
+    tables: list[str] = []
     inner: list[str] = []
     for name, field in model.model_fields.items():
         inside, many = held(field.annotation)
         place = (*path, name)
+        optional = "" if field.is_required() or field.default not in (None, ()) else "?"
         if inside is not None:
-            inner += _tables(root, inside, (*place, 0) if many else place)
-            allowed = f"the table {_header((*place, 0) if many else place)}"
-            if many:
-                least = next((part.min_length for part in field.metadata if hasattr(part, "min_length")), 0)
-                allowed = f"{f'at least {least}' if least else 'any number'} of the tables {_header((*place, 0))}"
-        else:
-            allowed = load.field(root, place)
-        default = "required" if field.is_required() else _default(field.default)
-        rows.append(f"| `{name}` | {said[name]} | {_unit(name)} | {allowed} | {default} |".replace("  ", " "))
+            place = (*place, 0) if many else place
+            inner += _tables(root, inside, place)
+            least = next((part.min_length for part in field.metadata if hasattr(part, "min_length")), 0)
+            tables.append(f"{_header(place)}{optional}{f' (≥{least})' if least else ''}")
+            continue
+        default = "" if field.is_required() or optional else f", =`{json.dumps(field.default)}`"
+        rows.append(f"`{name}`{optional}: {said[name]} ({_shortened(load.field(root, place))}{default})")
+    rows += [f"Tables: {', '.join(tables)}"] if tables else []
     heading = f"### {_header(path)}" if path else "### The top level"
-    parts = [heading, summary(model), "\n".join(rows)]
+    parts = [heading, summary(model), "\\\n".join(rows)]
     rules = [model.RULES] if model.RULES is not none else []
     if model is ProtocolFile:
         rules += [
@@ -90,19 +100,19 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
             pairs,
         ]
     parts += [" ".join((rule.__doc__ or "").split()) for rule in rules]
-    parts += ["\n".join(_planned_tests())] if model is PlannedTest else []
+    parts += ["\\\n".join(_planned_tests())] if model is PlannedTest else []
     yield "\n\n".join(parts)
     yield from inner
 
 
 def _planned_tests() -> Iterator[str]:
-    """Yield a table of the tests that designs offer, and of what each needs and may have."""
-    yield "| test | design | needs | may have | since format |"
-    yield "|:--|:--|:--|:--|--:|"
+    """Yield a line for each test that a design offers, with what it needs and may have."""
     for design in designs.NAMES:
         for name, test in design_of(design).tests.items():
-            needs, takes = (", ".join(f"`{key}`" for key in keys) or "-" for keys in (test.needs, test.takes))
-            yield f"| {name} | {design} | {needs} | {takes} | {test.since} |"
+            parts = [f"{design}, format {test.since}"]
+            for word, names in (("needs", test.needs), ("may have", test.takes)):
+                parts += [f"{word} {', '.join(f'`{key}`' for key in names)}"] if names else []
+            yield f"*{name}*: {'; '.join(parts)}"
 
 
 def held(annotation: Any) -> tuple[type[Confined] | None, bool]:
@@ -123,14 +133,13 @@ def _header(path: tuple[str | int, ...]) -> str:
     return f"`[[{name}]]`" if path[-1] == 0 else f"`[{name}]`"
 
 
-def _default(value: object) -> str:
-    """Return a default as it would stand in the file."""
-    return f"`{json.dumps(value)}`" if value not in (None, ()) else "left out"
-
-
-def _unit(key: str) -> str:
-    return next((unit for ending, unit in sorted(UNITS.items(), key=lambda e: -len(e[0])) if key.endswith(ending)), "")
+def _shortened(allowed: str) -> str:
+    for name, words in sorted(KINDS.items(), key=lambda item: -len(item[1])):
+        allowed = allowed.replace(words, name)
+    for long, short in SHORT:
+        allowed = re.sub(long, short, allowed)
+    return allowed
 
 
 if __name__ == "__main__":
-    README.write_text(written(README.read_text("utf-8")), "utf-8")
+    FILE.write_text(keys(), "utf-8")

@@ -1,4 +1,4 @@
-"""protocols/README.md lists every key as the models have it."""
+"""protocols/keys.md lists every key as the models have it."""
 
 from __future__ import annotations
 
@@ -22,10 +22,8 @@ def test_every_key_has_a_meaning(model: type[Confined]) -> None:
     assert list(meanings(model)) == list(model.model_fields)
 
 
-def test_the_readme_lists_the_keys_of_the_models() -> None:
-    text = keys.README.read_text("utf-8")
-    assert text.count(keys.BEGIN) == text.count(keys.END) == 1
-    assert text == keys.written(text), "run python -m tests.keys"
+def test_the_file_lists_the_keys_of_the_models() -> None:
+    assert keys.FILE.read_text("utf-8") == keys.keys(), "run python -m tests.keys"
 
 
 def test_the_words_of_the_rules_name_their_limits() -> None:

@@ -2,7 +2,7 @@
 
 Unknown keys are refused. Units stand in the names. Text that a board reads is kept word for word.
 What must hold between fields stands in `rules`; each model names its own. The words under `Attributes:` are what
-`protocols/README.md` says of each key.
+`protocols/keys.md` says of each key.
 """
 
 from collections.abc import Mapping
