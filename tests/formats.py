@@ -1,14 +1,17 @@
 """A description of every format that palpate writes, for tests/reference/formats: `python -m tests.formats`.
 
 A file there is named by format and number, such as `journal-6.json`. A format that changes needs another number, and so
-another file; those of released numbers stay.
+another file. Under a number that was not released the file changes, and it is said how; under one that was, a new kind
+of trial may add its columns to those of datasets, and all else is refused.
 """
 
 from __future__ import annotations
 
 import json
+import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any, get_args
 
@@ -21,17 +24,19 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.dataset import tables
 from palpate.experiment.dataset.checks import Plan
-from palpate.experiment.protocol import approval, kinds
+from palpate.experiment.protocol import approval, designs, kinds
 from palpate.experiment.protocol.designs import plannable_tests
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.recordings.manifest import Manifest
 from palpate.experiment.records import entries, events, journal
 from palpate.experiment.settings.load import Confined
 from palpate.experiment.study import enrolment, roster
-from tests.analysis.datasets import compared, write_dataset
+from tests import releases
 
-REPOSITORY = Path(__file__).parent.parent
 FOLDER = Path(__file__).parent / "reference" / "formats"
+
+SAMPLES = Path(__file__).parent / "analysis" / "designs"
+"""Where each design has a small dataset, in `sample.py` of the folder of its name."""
 
 PROSE = ("title", "description")
 """What a JSON schema says for readers alone."""
@@ -73,15 +78,16 @@ def _plain(schema: Any) -> Any:
 
 
 def _dataset() -> Description:
+    names = (*kinds.NAMES, "further", "imported", "participants")
     # Pairs are described as they were before their kind was called tapping: their columns are the same.
-    kinds = {name: name for name in ("footstep", "further", "imported", "participants")} | {"comparison": "tapping"}
+    tables_of = {"comparison" if name == "tapping" else name: name for name in names}
     with tempfile.TemporaryDirectory() as folder:
-        root = _compared(Path(folder))
+        root = sample("comparison", Path(folder))
         files = {path.relative_to(root).as_posix(): path for path in sorted(root.rglob("*.json"))}
         keys = {name: sorted(json.loads(path.read_text("utf-8"))) for name, path in files.items()}
         palpate = sorted(json.loads(files["dataset_description.json"].read_text("utf-8"))["Palpate"])
     return {
-        "columns": {name: list(events.columns_of(kind)) for name, kind in kinds.items()},
+        "columns": {name: list(events.columns_of(kind)) for name, kind in tables_of.items()},
         "keys": {**keys, "Palpate": palpate},
         "read": {end: list(read) for end, read in tables.READ.items()},
         "plan.json": schema(Plan),
@@ -89,29 +95,20 @@ def _dataset() -> Description:
     }
 
 
-def _compared(folder: Path) -> Path:
-    """A small dataset of comparisons by two participants."""
-    said = [("felt", "cork", "second"), ("cork", "felt", "first"), ("felt", "felt", "first"), ("cork", "cork", "first")]
-    sessions = {who: {"live": compared(said)} for who in ("1", "2")}
-    return write_dataset(
-        folder / "study",
-        sessions,
-        materials=("felt", "cork"),
-        tasks=("live",),
-        answers=("first", "second"),
-        origin="REHEARSAL",
-    )
+def sample(design: str, folder: Path) -> Path:
+    """Return a small dataset of a design, for which this folder may be written into."""
+    written: Path = import_module(f"tests.analysis.designs.{design}.sample").sample(folder)
+    return written
 
 
 def _results() -> Description:
-    """Describe the results of an identification study and of a comparison, and the tables for other programs."""
+    """Describe the results of a study of each design, and the tables for other programs."""
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        datasets = {"identification": REPOSITORY / "participants" / "okamoto2012", "comparison": _compared(place)}
-        found = {}
-        for design, root in datasets.items():
-            out = place / design
-            analyse([root], out, figures=False)
+        found: Description = {}
+        for design in (name for name in designs.NAMES if (SAMPLES / name / "sample.py").exists()):
+            place = Path(folder) / design
+            out = place / "out"
+            analyse([sample(design, place)], out, figures=False)
             tables = {path.name: path.read_text("utf-8").splitlines() for path in sorted(out.glob("tables/*.csv"))}
             headings = {
                 name: next(line for line in lines if not line.startswith("#")) for name, lines in tables.items()
@@ -120,7 +117,9 @@ def _results() -> Description:
                 "results.json": _shape(json.loads((out / "results.json").read_text("utf-8"))),
                 "tables": headings,
             }
-    exported = {design: {name: list(table) for name, table in export.columns_of(design).items()} for design in datasets}
+    exported = {
+        design: {name: list(table) for name, table in export.columns_of(design).items()} for design in designs.NAMES
+    }
     return {**found, "export": exported}
 
 
@@ -139,7 +138,32 @@ def text(description: Description) -> str:
     return json.dumps(description, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
 
 
+def changes(before: object, after: object, path: str) -> Iterator[str]:
+    """Yield each place at which two descriptions differ, after + where it is new, - where it is gone, else ~."""
+    if isinstance(before, dict) and isinstance(after, dict):
+        for key in sorted(before.keys() | after.keys()):
+            yield from changes(before.get(key), after.get(key), f"{path}.{key}")
+    elif before != after:
+        yield f"{'+' if before is None else '-' if after is None else '~'} {path}"
+
+
+def write(today: Mapping[str, Description], folder: Path) -> tuple[list[str], list[str]]:
+    """Write the descriptions that changed into a folder; return how they did, and the names of those that may not."""
+    told, refused = [], []
+    for name, description in today.items():
+        file = folder / f"{name}.json"
+        before = json.loads(file.read_text("utf-8")) if file.exists() else None
+        changed = list(changes(before, json.loads(text(description)), name))
+        if name in releases.formats() and not all(one.startswith(f"+ {name}.columns.") for one in changed):
+            refused.append(name)
+        elif changed:
+            file.write_text(text(description), "utf-8")
+        told += changed
+    return told, refused
+
+
 if __name__ == "__main__":
-    FOLDER.mkdir(exist_ok=True)
-    for name, description in descriptions().items():
-        (FOLDER / f"{name}.json").write_text(text(description), "utf-8")
+    told, refused = write(descriptions(), FOLDER)
+    print("\n".join(told) or "No format changed.")
+    if refused:
+        sys.exit(f"Not written, for a release wrote them: {', '.join(refused)}. Give each its next number.")

@@ -111,6 +111,9 @@ def test_texts_that_are_multiplied_by_a_condition() -> None:
     assert lines(multiplied_texts, text) == [1, 2, 3, 4, 5, 5]
 
 
+EVERY_KIND = "OPENS = {" + ",\n".join(f'"{name}": one' for name in sorted(kinds.NAMES)) + "}"
+
+
 @pytest.mark.parametrize(
     "decision",
     [
@@ -124,7 +127,7 @@ def test_texts_that_are_multiplied_by_a_condition() -> None:
         "if isinstance(entry, tapping.Tapped): ...",
         "match entry:\n    case FootStep(): ...",
         'if task.design == "comparison": ...',
-        'OPENS = {"footstep": one,\n"tapping": two}',
+        EVERY_KIND,
     ],
 )
 def test_a_decision_by_kind_counts_outside_of_the_kinds_rooms(decision: str) -> None:
@@ -134,8 +137,8 @@ def test_a_decision_by_kind_counts_outside_of_the_kinds_rooms(decision: str) -> 
         "from palpate.experiment.records.kinds.footstep import FootStep\n"
     )
     found = list(kinds.decisions(source(text + decision)))
-    table = decision.startswith("OPENS")
-    assert found == [f"{ONE}:{line}" for line in ([4, 5] if table else [4 + decision.count("\n")])]
+    last = 4 + decision.count("\n")
+    assert found == [f"{ONE}:{line}" for line in (range(4, last + 1) if decision == EVERY_KIND else [last])]
     at_home = source(text + decision, f"{kinds.ROOMS[-1]}/trials.py")
     assert list(kinds.decisions(at_home)) == []
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 from palpate.experiment.protocol.models import Material
-from tests import formats
+from tests import formats, releases
 
-HINT = "give each format that changed its next number, then run python -m tests.formats"
+HINT = "run python -m tests.formats, which says what changed, and what needs its next number"
 
 
 @pytest.fixture(scope="module")
@@ -38,3 +39,36 @@ def test_another_text_of_a_docstring_changes_none() -> None:
         """Other words."""
 
     assert formats.schema(Reworded) == formats.schema(Material)
+
+
+def test_a_description_under_a_new_number_is_changed_and_how_is_said(tmp_path: Path) -> None:
+    had = {"columns": {"one": ["a"]}, "keys": {"two": 1, "three": [2]}}
+    now = {"columns": {"one": ["a"], "other": ["b"]}, "keys": {"three": [2, 3]}}
+    assert formats.write({"journal-99": had}, tmp_path) == (["+ journal-99"], [])
+    assert formats.write({"journal-99": had}, tmp_path) == ([], [])
+    changed = ["+ journal-99.columns.other", "~ journal-99.keys.three", "- journal-99.keys.two"]
+    assert formats.write({"journal-99": now}, tmp_path) == (changed, [])
+    assert json.loads((tmp_path / "journal-99.json").read_text("utf-8")) == now
+
+
+@pytest.mark.parametrize(
+    ("now", "taken"),
+    [
+        ({"columns": {"one": 1, "two": 2}}, True),
+        ({"columns": {"one": 2}}, False),
+        ({"columns": {"one": 1, "two": 2}, "keys": 1}, False),
+    ],
+)
+def test_a_released_description_gets_a_new_kinds_columns_and_nothing_else(
+    tmp_path: Path, now: dict[str, object], taken: bool
+) -> None:
+    (name,) = (one for one in releases.formats() if one.startswith("dataset-"))
+    had = {"columns": {"one": 1}}
+    file = tmp_path / f"{name}.json"
+    file.write_text(formats.text(had), "utf-8")
+    assert formats.write({name: now}, tmp_path)[1] == ([] if taken else [name])
+    assert json.loads(file.read_text("utf-8")) == (now if taken else had)
+
+
+def test_every_format_of_a_release_is_described() -> None:
+    assert [name for name in releases.formats() if not (formats.FOLDER / f"{name}.json").exists()] == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from palpate.experiment.protocol import designs, kinds
 from tests.analysis.datasets import compared, write_dataset
 from tests.conftest import REPOSITORY
 from tests.measures.imports import WINGS
@@ -19,6 +21,9 @@ from tests.measures.source import is_inside, module_of, tracked_files
 COMMAND = "from palpate.experiment.__main__ import main; main()"
 COMMON = ("audit", "power", "numerics", "validation")
 """Wings of the analysis that no design needs."""
+
+NEITHER = ("levels", "prose", "stepping", "tap fit", "imports", "voice")
+"""Further wings that neither study here needs."""
 
 REFUSED = {
     "audit": ("audit", "okamoto2012"),
@@ -40,12 +45,18 @@ def copied(folder: Path, wings: Iterable[str]) -> Path:
     return folder
 
 
-def unlisted(folder: Path, room: str, name: str) -> None:
-    """Take a name out of a copy's list of kinds or designs."""
+def other_than(*names: str) -> list[str]:
+    """Return the kinds and designs with other names, which are wings as well."""
+    return [name for name in (*kinds.NAMES, *designs.NAMES) if name not in names]
+
+
+def list_alone(folder: Path, room: str, *names: str) -> None:
+    """Have a copy's list of kinds or designs name these alone."""
     file = folder / "experiment" / "protocol" / room / "__init__.py"
-    before = file.read_text("utf-8")
-    file.write_text(before.replace(f', "{name}"]', "]").replace(f'["{name}", ', "["), "utf-8")
-    assert file.read_text("utf-8") != before
+    listed = f"= Literal[{', '.join(map(repr, names))}]"
+    text, changed = re.subn(r"(?m)^(Kind|Design) = Literal\[[^\]]*\]", rf"\1 {listed}", file.read_text("utf-8"))
+    assert changed == 1
+    file.write_text(text, "utf-8")
 
 
 def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -58,10 +69,10 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def identifies(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The source without every wing that the identification of steps does not need."""
-    wings = (*COMMON, "comparison", "levels", "tapping", "servo", "prose", "stepping", "tap fit", "imports", "voice")
+    wings = (*COMMON, *NEITHER, "servo", *other_than("footstep", "identification"))
     folder = copied(tmp_path_factory.mktemp("identifies"), wings)
-    unlisted(folder, "kinds", "tapping")
-    unlisted(folder, "designs", "comparison")
+    list_alone(folder, "kinds", "footstep")
+    list_alone(folder, "designs", "identification")
     return folder
 
 
@@ -78,9 +89,10 @@ def test_an_identification_needs_none_of_them(identifies: Path) -> None:
 
 def test_a_comparison_of_taps_needs_no_other_kind_or_design(tmp_path: Path) -> None:
     """Its protocol has a fourth of the repetitions; the rehearsal ends with the analysis."""
-    wings = (*COMMON, "identification", "footstep", "levels", "prose", "stepping", "tap fit", "imports", "voice")
-    source = copied(tmp_path, wings)
-    unlisted(source, "kinds", "footstep")
+    source = copied(tmp_path, (*COMMON, *NEITHER, *other_than("tapping", "comparison")))
+    list_alone(source, "kinds", "tapping")
+    # What a protocol says of an identification is not in its wing.
+    list_alone(source, "designs", "identification", "comparison")
     protocol = source / "protocols" / "wellman1995.toml"
     shortened = protocol.read_text("utf-8").replace("repetitions = 8 ", "repetitions = 2 ").replace("= 108", "= 27")
     protocol.write_text(shortened, "utf-8")

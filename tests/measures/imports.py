@@ -16,6 +16,7 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from typing import Any
 
+from tests.measures import kinds
 from tests.measures.source import PACKAGE, Source, is_inside, module_of
 
 Imports = Set[tuple[str, str]]
@@ -57,6 +58,7 @@ TRUNKS: Mapping[str, Trunk] = {
 }
 
 WINGS: Mapping[str, tuple[str, ...]] = {
+    **{name: kinds.own_rooms(name) for name in sorted(kinds.NAMES | kinds.DESIGNS)},
     "voice": (
         "experiment/apparatus/audio/microphone.py",
         "experiment/desk/voice",
@@ -72,17 +74,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/rehearsal/wires/force_device.py",
         "experiment/synthesis/contact",
     ),
-    "tapping": (
-        "experiment/dataset/kinds/tapping.py",
-        "experiment/dataset/kinds/tapping.toml",
-        "experiment/protocol/kinds/tapping.py",
-        "experiment/protocol/page/tapping.py",
-        "experiment/records/kinds/tapping.json",
-        "experiment/records/kinds/tapping.py",
-        "experiment/rehearsal/kinds/tapping",
-        "experiment/session/kinds/tapping",
-        "experiment/synthesis/tap.py",
-    ),
+    "tapping": (*kinds.own_rooms("tapping"), "experiment/synthesis/tap.py"),
     "footstep": (
         "experiment/dataset/kinds/footstep.py",
         "experiment/dataset/kinds/footstep.toml",
@@ -142,13 +134,6 @@ WINGS: Mapping[str, tuple[str, ...]] = {
             )
         ),
     ),
-    "comparison": (
-        "analysis/designs/comparison",
-        "analysis/designs/comparison.json",
-        "experiment/protocol/designs/comparison.py",
-        "experiment/protocol/page/comparison.py",
-        "experiment/rehearsal/designs/comparison.py",
-    ),
     "audit": (
         *(
             f"analysis/audit/{name}"
@@ -171,8 +156,8 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     "numerics": ("analysis/numerics",),
     "validation": ("analysis/validation",),
 }
-"""The rooms and modules of each: `servo` with contact, `footstep` with recordings, `audit` with papers, `prose` with
-what reads their sentences."""
+"""The rooms and modules of each, of a kind or a design those of its name unless others are named here: `servo` with
+contact, `footstep` with recordings, `audit` with papers, `prose` with what reads their sentences."""
 
 
 def trunk_modules(trunk: Trunk, imports: Imports) -> set[str]:

@@ -22,8 +22,10 @@ NAMES = frozenset(kinds.NAMES)
 DESIGNS = frozenset(designs.NAMES)
 """The designs."""
 
-ROOMS = (
-    *(
+
+def own_rooms(name: str) -> tuple[str, ...]:
+    """Return the rooms, modules and files that a kind or a design has under its name."""
+    return tuple(
         f"{room}/{name}{end}"
         for room in (
             "analysis/designs",
@@ -36,10 +38,13 @@ ROOMS = (
             "experiment/rehearsal/kinds",
             "experiment/session/kinds",
         )
-        for name in sorted(NAMES | DESIGNS)
-        for end in ("", ".py")
+        for end in ("", ".py", ".json", ".toml")
         if (REPOSITORY / f"{room}/{name}{end}").exists()
-    ),
+    )
+
+
+ROOMS = (
+    *(room for name in sorted(NAMES | DESIGNS) for room in own_rooms(name)),
     "analysis/identification",
     "analysis/power/comparisons.py",
     "analysis/report/identification_sections.py",

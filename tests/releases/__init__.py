@@ -15,5 +15,14 @@ TRIALS = "trials.csv"
 RIGS = {"okamoto2012": "rigs/rehearsal.toml", "wellman1995": "rigs/tapping.toml", "levels": "rigs/tapping.toml"}
 """The small studies that are rehearsed for a release, and the rig of each."""
 
+FORMATS = "formats.txt"
+"""Beside the studies: the newest number of each format that the version wrote, a line each."""
+
+
+def formats() -> frozenset[str]:
+    """Return the names of the formats that a release wrote, with their numbers, such as `journal-9`."""
+    return frozenset(line for one in RELEASES for line in (FOLDER / one / FORMATS).read_text("utf-8").split())
+
+
 APPROVED_ON, EXPIRES_ON = date(2026, 11, 28), date(2027, 11, 28)
 """No board approved anything: the seals are there to be read."""

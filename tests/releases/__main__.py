@@ -15,8 +15,9 @@ from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
+from tests import formats
 from tests.experiment.protocol import leveled
-from tests.releases import APPROVED_ON, EXPIRES_ON, FOLDER, RIGS, TRIALS
+from tests.releases import APPROVED_ON, EXPIRES_ON, FOLDER, FORMATS, RIGS, TRIALS
 
 SMALLER = {
     "okamoto2012": {
@@ -78,6 +79,8 @@ def main() -> None:
             for empty in root.rglob(".*.lock"):
                 empty.unlink()
             palpate.read(root).attempts.to_csv(kept / TRIALS, index=False)
+        names = "\n".join(sorted(formats.descriptions()))
+        (Path(made) / "release" / FORMATS).write_text(f"{names}\n", "utf-8")
         shutil.copytree(Path(made) / "release", release)
 
 

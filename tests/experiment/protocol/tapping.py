@@ -7,7 +7,7 @@ from typing import Any
 
 from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.models import Protocol
-from tests.experiment.protocol.small import document
+from tests.experiment.protocol.small import changed, document
 
 
 def comparing(*, repetitions: int = 2, order: str = "full-random", tie_key: str | None = None) -> dict[str, Any]:
@@ -71,3 +71,8 @@ def live_alone(folder: Path) -> Path:
 def protocol(**how: Any) -> Protocol:
     """The protocol of `comparing`."""
     return ProtocolFile.model_validate(comparing(**how))
+
+
+_MOVED = changed(rendering(), ("tapping", "mass_kg"), 2.0)
+STUDIES = (protocol(tie_key="3"), ProtocolFile.model_validate(changed(_MOVED, ("tapping", "force_error_max"), 0.5)))
+"""Together they state every key of taps and of comparisons."""

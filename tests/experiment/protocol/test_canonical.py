@@ -8,7 +8,7 @@ import re
 import tomllib
 from datetime import date
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import pytest
 from pydantic import Field, ValidationError, create_model
@@ -20,6 +20,10 @@ from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Material, Protocol
 from palpate.experiment.settings.load import Confined
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
+
+NUMBERS = get_args(Protocol.model_fields["format"].annotation)
+NEWEST, LATER = max(NUMBERS), max(NUMBERS) + 1
+FORMATS: Any = Literal[(*NUMBERS, LATER)]
 
 
 def loaded(tmp_path: Path, text: str) -> Protocol:
@@ -39,7 +43,8 @@ def plain(value: Any) -> Any:
 
 def test_form_is_that_of_rfc_8785() -> None:
     # For ASCII keys and numbers of few digits, Python's own JSON with sorted keys is the same form.
-    study = protocol().model_copy(update={"format": 5})
+    # In the newest format every key stands in it.
+    study = protocol().model_copy(update={"format": NEWEST})
     document = plain(json.loads(study.model_dump_json()))
     expected = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     assert canonical(study) == expected.encode()
@@ -55,29 +60,29 @@ def test_a_file_of_format_2_names_no_materials_of_a_test(tmp_path: Path, referen
 
 
 class Amplifier(Confined):
-    """A table that format 6 would bring."""
+    """A table that the next format would bring."""
 
     gain_db: float = 0.0
 
 
 class LaterMaterial(Material):
-    """A material with a key of format 6."""
+    """A material with a key of the next format."""
 
-    color: str | None = Field("white", json_schema_extra={"since": 6})
+    color: str | None = Field("white", json_schema_extra={"since": LATER})
 
 
 LaterStudy = create_model(
     "LaterStudy",
     __base__=ProtocolFile,
-    format=(Literal[2, 3, 4, 5, 6], ...),
+    format=(FORMATS, ...),
     materials=(tuple[LaterMaterial, ...], ...),
-    amplifier=(Amplifier, Field(Amplifier(), json_schema_extra={"since": 6})),
+    amplifier=(Amplifier, Field(Amplifier(), json_schema_extra={"since": LATER})),
 )
-"""A protocol as format 6 would have it: keys with defaults at the top, and inside the tables of an array."""
+"""A protocol as the next format would have it: keys with defaults at the top, and inside the tables of an array."""
 
 
 def test_a_key_that_is_added_with_a_default_changes_no_form_of_an_older_format() -> None:
-    older, newer = (LaterStudy.model_validate({**document(), "format": number}) for number in (4, 6))
+    older, newer = (LaterStudy.model_validate({**document(), "format": number}) for number in (4, LATER))
     assert canonical(older) == canonical(protocol())
     form = json.loads(canonical(newer))
     assert (form["amplifier"], form["materials"][0]["color"]) == ({"gain_db": 0}, "white")
@@ -96,7 +101,7 @@ def test_a_seal_holds_on_when_a_later_palpate_has_more_keys(tmp_path: Path) -> N
     )
     later = LaterStudy.model_validate(document())
     assert approval.verify(file, later, date(2020, 6, 1)) == sealed
-    louder = later.model_copy(update={"amplifier": Amplifier(gain_db=6.0), "format": 6})
+    louder = later.model_copy(update={"amplifier": Amplifier(gain_db=6.0), "format": LATER})
     with pytest.raises(ProtocolError, match="amplifier"):
         approval.verify(file, louder, date(2020, 6, 1))
 
@@ -108,7 +113,7 @@ def test_a_younger_key_is_refused_in_a_file_of_an_older_format(tmp_path: Path, m
         loaded(tmp_path, text)
     (problem,) = refused.value.findings
     assert (problem.field, problem.line) == ("amplifier", SMALL.count("\n") + 2)
-    assert loaded(tmp_path, text.replace("format = 4", "format = 6")).model_dump()["format"] == 6
+    assert loaded(tmp_path, text.replace("format = 4", f"format = {LATER}")).model_dump()["format"] == LATER
     assert loaded(tmp_path, SMALL).format == 4
 
 

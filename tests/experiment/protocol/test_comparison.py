@@ -10,9 +10,11 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.errors import ProtocolError
-from palpate.experiment.protocol import files
+from palpate.experiment.protocol import designs, files
+from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.kinds import kind_of
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.page import page
@@ -26,6 +28,7 @@ LOST = {"id": "lost", "when": "frames-lost", "limit": 0, "action": "repeat-trial
 STEPS = small.document()["footstep"]
 SURFACES = rendering()["tapping"]["surfaces"]
 SECOND = ("tapping", "surfaces", 1, "material")
+OF_TAPS = ", ".join(name for name in designs.NAMES if design_of(name).intervals in kind_of("tapping").intervals)
 
 BROKEN = [
     (changed(comparing(), ("footstep",), STEPS), "footstep", "no table: the tasks are of the kind 'tapping'"),
@@ -50,7 +53,7 @@ BROKEN = [
     (changed(rendering(), ("tapping", "mass_kg"), -1.0), "tapping.mass_kg", "greater than 0"),
     (changed(rendering(), ("tapping", "stiffness"), 9.0), "tapping.stiffness", "no such key"),
     (changed(small.document(), ("tapping",), rendering()["tapping"]), "tapping", "of the kind 'footstep'"),
-    (changed(comparing(), ("tasks", 0, "design"), "identification"), "tasks[0].design", "one of: comparison, with"),
+    (changed(comparing(), ("tasks", 0, "design"), "identification"), "tasks[0].design", f"one of: {OF_TAPS}, with"),
     (changed(comparing(), ("tasks", 0, "repetitions"), 3), "tasks[0].repetitions", "an even number"),
     (
         changed(comparing(), ("tasks", 0, "order"), {"kind": "max-run", "max_run": 2}),

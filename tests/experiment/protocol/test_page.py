@@ -6,6 +6,8 @@ import re
 import unicodedata
 from collections.abc import Iterator
 from datetime import date, timedelta
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, Literal, get_args, get_origin
 
 import pytest
@@ -14,11 +16,9 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 from syrupy.assertion import SnapshotAssertion
 
+from palpate.experiment.protocol import designs, kinds
 from palpate.experiment.protocol.approval import Seal, sha256
-from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.protocol.files import ProtocolFile
-from palpate.experiment.protocol.kinds.footstep import Footstep
-from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import approved as approval_lines
 from palpate.experiment.protocol.page import page as page_of
@@ -100,21 +100,23 @@ FULL = ProtocolFile.model_validate(changed(PLANNED, ("analysis", 0, "correction"
 """The small protocol with the keys that it leaves out and that have no value of their own then; keeping voices needs a
 microphone."""
 
-PAIRS = tapping.protocol(tie_key="3")
-MOVED = changed(tapping.rendering(), ("tapping", "mass_kg"), 2.0)
-RENDERED = ProtocolFile.model_validate(changed(MOVED, ("tapping", "force_error_max"), 0.5))
+PAIRS, RENDERED = tapping.STUDIES
 
-TABLES = {
-    "footstep": ("footstep", FULL.table(Footstep)),
-    "tapping": ("tapping", RENDERED.table(Tapping)),
-    "comparison": ("comparison", PAIRS.table(Comparison)),
-    "identification": ("materials", FULL.materials),
-}
-"""What a kind or a design cannot do without."""
+NAMES = (*kinds.NAMES, *designs.NAMES)
+OWN = [name for name in (f"{tapping.__package__}.{name}" for name in NAMES) if find_spec(name)]
+STUDIES: tuple[Protocol, ...] = (FULL, *(study for name in OWN for study in import_module(name).STUDIES))
+"""All keys stand in one of these: those of another kind or design in `STUDIES` of a module of its name here."""
+
+
+def needed(name: str) -> tuple[str, Any]:
+    """What a kind or a design cannot do without, and where it stands: its table, if it has one."""
+    tables = (getattr(study, name, None) for study in STUDIES)
+    return next(((name, table) for table in tables if table is not None), ("materials", FULL.materials))
+
 
 CASES = [
     (study, path, value, other)
-    for study in (FULL, PAIRS, RENDERED)
+    for study in STUDIES
     for path, kind, value in fields(study)
     for other in others(kind, value)
     if study is FULL or path != ("consent", "voice_recordings")
@@ -134,14 +136,14 @@ CASES += [
 @pytest.mark.parametrize(
     ("study", "path", "value", "other"),
     CASES,
-    ids=lambda one: "" if one in (FULL, PAIRS, RENDERED, LEVELED) else str(one),
+    ids=lambda one: "" if isinstance(one, Protocol) else str(one),
 )
 def test_the_page_changes_with_every_value(
     study: Protocol, path: tuple[str | int, ...], value: object, other: object
 ) -> None:
     before, after = study, with_value(study, path, other)
     if len(path) == 3 and path[2] in ("kind", "design"):
-        name, table = TABLES[str(other)]
+        name, table = needed(str(other))
         after = with_value(after, (name,), table)
     shown = page(after)
     assert shown.replace(sha256(after), "") != page(before).replace(sha256(before), "")
