@@ -251,10 +251,10 @@ class Correction(OfAttempt):
 
 
 class Visited(Entry):
-    """A step of the visit beside the trials: who was asked for, what the participant reported, what was paid."""
+    """A step of the visit beside the trials, `identity` or one of `remarks.REPORTS`, and what was said or done."""
 
     kind: Literal["visit"] = "visit"
-    step: Literal["identity", "report", "payment"]
+    step: Annotated[str, Field(pattern=r"^[a-z]+$")]
     text: str
 
 

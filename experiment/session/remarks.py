@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import RECENT, Correct, Gauges, Lamp, Prompt, Repeat, Standing, TakeNote, Told
-from palpate.experiment.desk.questions import Remark, Report
+from palpate.experiment.desk.questions import Question, Remark, Report
 from palpate.experiment.records import entries, journal
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.exposure import SLOW_S, Exposed
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 LITTLE_BYTES = 500_000_000
 """Less free space than this on the dataset's disk is told, bytes."""
 
-REPORTS: dict[Literal["report", "payment"], str] = {
-    "report": "What does the participant report of the session, in their own words? Name no person.",
-    "payment": "What was paid, or handed out? Name no person.",
+REPORTS: Mapping[str, Question] = {
+    "report": Report("What does the participant report of the session, in their own words? Name no person."),
+    "payment": Report("What was paid, or handed out? Name no person."),
 }
-"""What is asked at the end of a visit, by its step."""
+"""What is asked at the end of a visit, by its step: the text or the words of the choice go on record, if any."""
 
 CLOSED = "The session has ended; nothing was changed."
 
@@ -78,9 +78,12 @@ class Remarks:
     def ask_report(self) -> None:
         """Ask, at the end of a visit, for what was not asked or told yet."""
         self.trial = None
-        for step, text in REPORTS.items():
-            if step not in self.lent.log.done.visited and (written := self.lent.console.ask(Report(text)).text):
-                self.lent.log.write(entries.Visited(step=step, text=written))
+        for step, question in REPORTS.items():
+            if step in self.lent.log.done.visited:
+                continue
+            reply = self.lent.console.ask(question)
+            if said := reply.text or {one.key: one.words for one in question.choices}.get(reply.key, ""):
+                self.lent.log.write(entries.Visited(step=step, text=said))
 
     def note_ignored(self) -> None:
         """Put on record what was typed before it was asked for."""
