@@ -432,7 +432,7 @@ class LinkedConsole:
         self._armed = wanted.trial
         if wanted.broken_off:
             again = f"{wanted.broken_off[:1].upper()}{wanted.broken_off[1:]}"
-        self._now(state=state, trial=wanted.trial, attempt=wanted.attempt, heard="", again=again)
+        self._now(state=state, trial=wanted.trial, attempt=wanted.attempt, may=wanted.may, heard="", again=again)
         return waited
 
     def _answer(self, question: questions.TrialAnswer) -> Reply:

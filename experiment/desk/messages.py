@@ -164,7 +164,8 @@ class Ended(Message):
 class View(Message):
     """All that a console shows. `label` is PRACTICE or PILOT, empty in a study. What is presented is felt `at_will`.
 
-    `step` is where the visit is, one of `steps`. `trial` and `attempt` are under way, with real objects to `lay_out`.
+    `step` is where the visit is, one of `steps`. `trial` and `attempt` are under way, with real objects to `lay_out`;
+    once it is armed the participant `may` do this.
     `instruction` is the participant's: of the familiarization, then of the task until a first answer. `heard` is the
     microphone's proposal. `again` says why the step before did not count. `answers` are this task's, once asked for.
     `masked`: headphones played a masker in this task. `pause_until_ns` ends a break or a familiarization, ns of the
@@ -181,6 +182,7 @@ class View(Message):
     state: Literal["preparing", "familiarising", "armed", "answering", "waiting", "paused", "ended"] = "preparing"
     trial: int | None = None
     attempt: int = 1
+    may: str = ""
     lay_out: str = ""
     instruction: str = ""
     answers: tuple[Choice, ...] = ()

@@ -270,13 +270,14 @@ class Debrief:
 class Arm:
     """That an attempt is armed, which waits for somebody at a console; no key answers it.
 
-    `broken_off` is why the step before it did not count.
+    `broken_off` is why the step before it did not count, and `may` what the participant may do now.
     """
 
     trial: int
     attempt: int
     trials: int
     broken_off: str = ""
+    may: str = "begin"
 
     @property
     def text(self) -> str:
@@ -286,7 +287,7 @@ class Arm:
                 f"Trial {self.trial}, attempt {self.attempt}: {self.broken_off}; nothing was played. It is armed again."
             )
         again = f", attempt {self.attempt}" if self.attempt > 1 else ""
-        return f"Trial {self.trial} of {self.trials}{again}. Armed: the participant may step."
+        return f"Trial {self.trial} of {self.trials}{again}. Armed: the participant may {self.may}."
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
-from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.ports import Actuator, Tracker
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import ManualClock, MonotonicClock
 from palpate.experiment.desk.questions import Console
@@ -40,10 +40,10 @@ from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import runner, scene
 from palpate.experiment.session.kind import Sitting, Stimuli
 from palpate.experiment.session.laboratory import header, open_laboratory
-from palpate.experiment.synthesis import waveforms
-from palpate.experiment.synthesis.waveforms import Basis
+from palpate.experiment.synthesis.waveforms import Ring, Waveform
 
 if TYPE_CHECKING:
+    from palpate.experiment.apparatus.panel.conditioning import Played
     from palpate.experiment.rehearsal.voice import Speaker
     from palpate.experiment.rehearsal.wires.modes import MovingPanel
 
@@ -124,6 +124,27 @@ def _without_waiting(protocol: Protocol) -> Protocol:
     return protocol.model_copy(update={"tasks": tuple(tasks)})
 
 
+@dataclass(frozen=True, eq=False)
+class Silence(Ring):
+    """As many samples of nothing as a stimulus has."""
+
+    occasion: ClassVar[str] = "control"
+    method: ClassVar[str] = "silence"
+
+
+@dataclass(frozen=True)
+class SilentActuator:
+    """The control condition: an actuator that plays silence in place of every stimulus, of whatever kind of trial."""
+
+    actuator: Actuator
+
+    def prepare(self, stimulus: Waveform) -> Played:
+        return self.actuator.prepare(Silence(np.zeros_like(stimulus.waveform_m_s2), stimulus.rate_hz))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.actuator, name)
+
+
 @dataclass
 class SimulatedEnds:
     """Implements `FarEnds`: a simulated participant, foot and panel, each set up when its port is opened."""
@@ -172,24 +193,19 @@ class SimulatedEnds:
         self._panel = panel
         return panel.address
 
-    def played(self, materials: dict[str, Basis]) -> dict[str, Basis]:
-        if self.job.control != "silence":
-            return materials
-        return {material: _silenced(basis) for material, basis in materials.items()}
+    def playing(self, actuator: Actuator) -> Actuator:
+        return actuator if self.job.control != "silence" else cast("Actuator", SilentActuator(actuator))
 
     def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
         from palpate.experiment.recordings.manifest import MANIFEST
 
         kept, folder = storage.protocol_path(self.job.dataset), self.job.dataset / storage.RECORDINGS
         contents = tuple(map(storage.read_bytes, (kept, kept.with_name("rig.toml"), folder / MANIFEST)))
-        key = folder, contents, self.job.control, self.task_id
+        key = folder, contents, self.task_id
         if key not in _stimuli:
             _stimuli.clear()
             _stimuli[key] = prepare()
         return _stimuli[key]
-
-    def ringing_m_s2(self, full_m_s2: float) -> float:
-        return 0.0 if self.job.control == "silence" else full_m_s2
 
     def force(self, opened: ExitStack) -> str:
         from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
@@ -243,8 +259,8 @@ def moving_panel(dataset: Path) -> MovingPanel | None:
     return modes.MovingPanel(modes.read(file))
 
 
-_stimuli: dict[tuple[Path, tuple[bytes, ...], str, str], Stimuli] = {}
-"""What this process prepared last: the same for every participant, by protocol, rig, recordings, control and task."""
+_stimuli: dict[tuple[Path, tuple[bytes, ...], str], Stimuli] = {}
+"""What this process prepared last: the same for every participant, by protocol, rig, recordings and task."""
 
 
 @lru_cache(maxsize=1)
@@ -285,12 +301,6 @@ def simulated_far_ends(rig: rigs.Rig, opened: ExitStack) -> SimulatedPorts:
             card.mouth()
 
     return replace(ends, device=DEVICE, wire=wire)
-
-
-def _silenced(basis: Basis) -> Basis:
-    """Return the control condition: the same material, with no vibration in any of its bins."""
-    silent = replace(basis.spectra, amplitudes=np.zeros_like(basis.spectra.amplitudes))
-    return waveforms.prepare(silent, material=basis.material, output_rate_hz=basis.output_rate_hz)
 
 
 def _simulated_now_ns(job: Job, task_id: str, position: int) -> int:

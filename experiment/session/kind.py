@@ -16,7 +16,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
-from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.ports import Actuator, Tracker
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
@@ -30,6 +31,7 @@ from palpate.experiment.records.entries import Entry, Header, PlannedTrial, Trac
 from palpate.experiment.records.progress import Progress
 
 if TYPE_CHECKING:
+    from palpate.experiment.apparatus.audio.stream import AudioStream
     from palpate.experiment.synthesis.voltages import Drive
     from palpate.experiment.synthesis.waveforms import Basis
 
@@ -214,9 +216,9 @@ class Lent:
         """Show the experimenter a line."""
         self.console.tell(Notice(text))
 
-    def arm(self, planned: PlannedTrial, attempt: int, broken_off: str = "") -> bool:
+    def arm(self, planned: PlannedTrial, attempt: int, *, may: str, broken_off: str = "") -> bool:
         """Announce an attempt, armed from now on, as `Arm` has it; return whether somebody was waited for."""
-        return self.console.ask(Arm(planned.trial, attempt, len(self.header.order), broken_off)).waited
+        return self.console.ask(Arm(planned.trial, attempt, len(self.header.order), broken_off, may)).waited
 
 
 class KindDevices(Protocol):
@@ -251,17 +253,13 @@ class FarEnds(Protocol):
         """Set the panel up; return where its actuator answers, or None for the address that the rig names."""
         return None
 
-    def played(self, materials: dict[str, Basis]) -> dict[str, Basis]:
-        """Return what is played for each material, by its id: itself, unless a rehearsal controls for it."""
-        return materials
-
     def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
         """Return what `prepare` prepares, or what it did for an earlier session of the same rehearsal."""
         return prepare()
 
-    def ringing_m_s2(self, full_m_s2: float) -> float:
-        """Return how strong aluminum rings at 0.2 m/s, m/s^2: as stated, unless a rehearsal controls for it."""
-        return full_m_s2
+    def playing(self, actuator: Actuator) -> Actuator:
+        """Return what plays the stimuli: the actuator, unless a rehearsal controls for them."""
+        return actuator
 
     def force(self, opened: ExitStack) -> str | None:  # noqa: ARG002
         """Set up what pushes the hand; return where it answers, or None for the address that the rig names."""
@@ -282,6 +280,23 @@ class FarEnds(Protocol):
     @abstractmethod
     def console(self) -> Console:
         """Return the experimenter's screen and keys."""
+
+
+def open_actuator(
+    sitting: Sitting, drive: Drive | None, *, stream: AudioStream | None, ends: FarEnds, opened: ExitStack
+) -> Actuator:
+    """Open what plays every stimulus of a session, until `opened` closes; errors are those of `opening`."""
+    actuator = opening.open_actuator(
+        sitting.rig,
+        limit_m_s2=sitting.protocol.exposure.vibration_peak_m_s2,
+        drive=drive,
+        address=ends.panel(opened),
+        stream=stream,
+        clock=sitting.clock,
+        louder_db=sitting.louder_db,
+    )
+    opened.callback(actuator.close)
+    return ends.playing(actuator)
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ ASKED = {
 STATES = {
     "preparing": Phase("PREPARING", "", GREY, "The session prepares what comes next. Nothing is asked."),
     "familiarising": Phase("FAMILIARISE", "", GREY, "The participant handles the materials."),
-    "armed": Phase("ARMED", "ARMED", BLUE, "The participant may step. Nothing is asked until then."),
+    "armed": Phase("ARMED", "ARMED", BLUE, "The participant may {may}. Nothing is asked until then."),
     "answering": Phase("ANSWER", "ANSWER", GREY, "The answer is being written. Nothing is asked."),
     "waiting": Phase(
         "WAITING", "", RED, "A device is silent, as told below. The session goes on by itself once it answers."
@@ -93,7 +93,7 @@ FAILED = Phase("FAILED", "", RED)
 TRIED = Phase("ANSWER", "ANSWER", GREY, "Both surfaces are tried, or the answer is being written. Nothing is asked.")
 STEPPED = Phase("ANSWER", "ANSWER", GREY, "The step counts. Nothing is asked yet.")
 STEPPING = Phase("STEPPING", "STEPPING", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
-AGAIN = Phase("STEP AGAIN", "ARMED", BLUE, "The step before did not count. {why}. The participant may step again.")
+AGAIN = Phase("AGAIN", "ARMED", BLUE, "The {may} before did not count. {why}. The participant may {may} again.")
 DONE = Phase("TASK DONE", "", ORANGE)
 GONE = Phase("GONE", "", RED)
 
@@ -108,8 +108,9 @@ def phase(view: View) -> Phase:
         return ASKED[view.question.kind]
     if view.state == "armed" and view.gauges is not None and (view.gauges.stepped or view.gauges.moving):
         return STEPPED if view.gauges.stepped else STEPPING
-    if view.state == "armed" and view.again:
-        return replace(AGAIN, says=AGAIN.says.format(why=view.again))
+    if view.state == "armed":
+        now = AGAIN if view.again else STATES["armed"]
+        return replace(now, says=now.says.format(may=view.may, why=view.again))
     return TRIED if view.at_will and view.state == "answering" else STATES[view.state]
 
 

@@ -156,7 +156,7 @@ def test_a_terminal_that_is_lost_while_its_input_is_dropped_is_a_screen_that_is_
 def test_the_real_object_is_laid_out_before_the_participant_may_step(approved: SnapshotAssertion) -> None:
     one, screen, prompts = console("")
     one.ask(Place(2, ("copy paper",)))
-    one.ask(Arm(2, 3, 40))
+    one.ask(Arm(2, 3, 40, may="step"))
     assert [*prompts, screen.getvalue()] == approved
 
 

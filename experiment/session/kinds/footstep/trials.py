@@ -30,7 +30,17 @@ from palpate.experiment.protocol.models import ExclusionRule, Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial, Trace, TrackerOpened
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
 from palpate.experiment.session import scene
-from palpate.experiment.session.kind import FarEnds, Kind, Lent, Seen, SessionKind, Sitting, Stimuli, nothing_more
+from palpate.experiment.session.kind import (
+    FarEnds,
+    Kind,
+    Lent,
+    Seen,
+    SessionKind,
+    Sitting,
+    Stimuli,
+    nothing_more,
+    open_actuator,
+)
 from palpate.experiment.session.kinds.footstep.stimulus import Sounder
 from palpate.experiment.session.kinds.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
 
@@ -55,6 +65,9 @@ LOOK_NS = 5_000_000
 
 TRACE_US = 50_000
 """The trace has a point for so long, microseconds."""
+
+STEP = "step"
+"""What the participant may do once an attempt is armed."""
 
 STILL_PLAYS = "the last stimulus may still play; restart the actuator's server, then resume the session"
 
@@ -90,20 +103,10 @@ def open_footsteps(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, 
         if sitting.recordings is None:
             where = f"task '{sitting.task_id}'"
             raise RecordingError(where, "got no recordings", "name it", allowed="a folder of recordings")
-        stimuli = ends.stimuli(partial(_prepared, planned, sitting, sitting.recordings, ends))
+        stimuli = ends.stimuli(partial(_prepared, planned, sitting, sitting.recordings))
     actuator: Actuator | None = None
     if planned.actuator:
-        address = ends.panel(opened)
-        actuator = opening.open_actuator(
-            rig,
-            limit_m_s2=protocol.exposure.vibration_peak_m_s2,
-            drive=stimuli.drive,
-            address=address,
-            stream=stream,
-            clock=clock,
-            louder_db=sitting.louder_db,
-        )
-        opened.callback(actuator.close)
+        actuator = open_actuator(sitting, stimuli.drive, stream=stream, ends=ends, opened=opened)
     port, clock_map = ends.tracker(opened)
     contact_mm = protocol.table(Footstep).step.contact_mm
     tracker = opening.open_tracker(rig, clock=clock, port=port, clock_map=clock_map, contact_mm=contact_mm)
@@ -121,13 +124,13 @@ def open_footsteps(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, 
     )
 
 
-def _prepared(planned: scene.Scene, sitting: Sitting, recordings: Path, ends: FarEnds) -> Stimuli:
+def _prepared(planned: scene.Scene, sitting: Sitting, recordings: Path) -> Stimuli:
     from palpate.experiment.apparatus.panel.conditioning import open_drive
     from palpate.experiment.session.kinds.footstep.preparation import open_stimuli
 
     protocol, rig = sitting.protocol, sitting.rig
-    materials = ends.played(
-        open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rig.actuator.rate_hz)
+    materials = open_stimuli(
+        scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rig.actuator.rate_hz
     )
     folder, limit_m_s2 = sitting.rig_file.parent, protocol.exposure.vibration_peak_m_s2
     return Stimuli(materials, open_drive(folder, rig.actuator, limit_m_s2=limit_m_s2, materials=materials))
@@ -201,7 +204,7 @@ class Footsteps(Kind):
         if not silent:
             raise ActuatorError("actuator", STILL_PLAYS)
         if broken is not None and broken[0] == planned.trial and not broken[1].felt:
-            if self._lent.arm(planned, attempt, broken[1].reason):
+            if self._lent.arm(planned, attempt, may=STEP, broken_off=broken[1].reason):
                 self._watch.feed.drain()
             self._armed = Armed(planned, attempt, None)
             return
@@ -213,7 +216,7 @@ class Footsteps(Kind):
             if self._limits.end_reason():
                 return
         self._watch.feed.drain()
-        if self._lent.arm(planned, attempt):
+        if self._lent.arm(planned, attempt, may=STEP):
             # A step that was made while nobody was at the console is none of a trial.
             self._watch.feed.drain()
         dead_time_ms = None if answered_ns is None else lasted_ms(clock, answered_ns + laid_ns)

@@ -10,7 +10,6 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.ports import Actuator
@@ -27,7 +26,7 @@ from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import Changed, PairLaidOut, Place
-from palpate.experiment.session.kind import FarEnds, Kind, Lent, Seen, Sitting
+from palpate.experiment.session.kind import FarEnds, Kind, Lent, Seen, Sitting, open_actuator
 from palpate.experiment.session.kinds.tapping.taps import Lying, Taps
 from palpate.experiment.synthesis import tap
 from palpate.experiment.synthesis.contact.block import Block
@@ -69,19 +68,10 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
         passivity.refuse_beyond(virtual, device, tracker_of(rig), rig=rig.rig.name)
         zeroing.check_age(rig, day(clock.now_ns()))
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-    address = ends.panel(opened)
-    actuator = opening.open_actuator(
-        rig,
-        limit_m_s2=limit_m_s2,
-        drive=open_drive(sitting.rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2),
-        address=address,
-        stream=stream,
-        clock=clock,
-        louder_db=sitting.louder_db,
-    )
-    opened.callback(actuator.close)
+    drive = open_drive(sitting.rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
+    actuator = open_actuator(sitting, drive, stream=stream, ends=ends, opened=opened)
     rings = {
-        name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=ends.ringing_m_s2(virtual.full_m_s2))
+        name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=virtual.full_m_s2)
         for name, surface in surfaces(virtual).items()
     }
     force = ends.force(opened)
@@ -191,7 +181,7 @@ class VirtualSurfaces(Kind):
             raise TrackerStopped.saying(self.taps.failed)
         if self.lent.limits.end_reason():
             return
-        self.lent.arm(planned, attempt)
+        self.lent.arm(planned, attempt, may="tap")
         self._ready = PairLaidOut(trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=0)
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
