@@ -526,7 +526,13 @@ class LinkedConsole:
             self._asked += 1
             self._chosen, self._opened_ns = None, monotonic_ns()
             state = self._view.state if question.kind in KEEPS_STATE else "preparing"
-            asked = Asked(number=self._asked, kind=question.kind, text=question.text, choices=question.choices)
+            asked = Asked(
+                number=self._asked,
+                kind=question.kind,
+                text=question.text,
+                choices=question.choices,
+                confirms=self._asked - 1 if question.kind == "confirm" else None,
+            )
             self._now(state=state, question=asked)
         try:
             yield

@@ -77,13 +77,15 @@ Kind = Literal[
 class Asked(Message):
     """What is asked now, with a unique `number`; answers to another are refused.
 
-    Kind `answer` is asked until a key is chosen, then `confirm`; `write` is answered by `Write`, a line or nothing.
+    Kind `answer` is asked until a key is chosen, then `confirm`, which `confirms` the key of that question; `write` is
+    answered by `Write`, a line or nothing.
     """
 
     number: int
     kind: Kind
     text: str
     choices: tuple[Choice, ...]
+    confirms: int | None = None
 
 
 class Lamp(Message):

@@ -188,8 +188,8 @@ class Exposed:
         if self._stopped:
             self._stopped = False
             self.log.write(Commanded(by="pedal", command="pause", taken=True, reply=STOPPED))
-        if self.masking is not None:
-            self.masking.record()
+        if self.masking is not None and (said := self.masking.keep_up()):
+            self._tell(said)
         now_ns = self.clock.now_ns()
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + EVERY_NS

@@ -54,6 +54,8 @@ class Masking:
         self._writing = threading.Lock()
         self._unwritten = deque[MaskerSet]()
         self._noted_db_a: float | None = None
+        self._wanted = False
+        self._falls = 0
         self._silenced = self._used_up = False
 
     def choose(self, wanted: Wanted, begin_db_a: float | None, probe: Callable[[], None] | None) -> None:
@@ -75,6 +77,8 @@ class Masking:
                 if self._heard_at_limit(limit_db_a):
                     return
             elif not self.change(key):
+                # What is kept is the level that is heard.
+                self.drop()
                 return
 
     def _heard_at_limit(self, limit_db_a: float) -> bool:
@@ -91,30 +95,54 @@ class Masking:
     def change(self, key: str) -> bool:
         """Return whether `key` was one of the masker's; then the level has changed by a step, within the limit.
 
-        A step up that comes too soon after the one before changes nothing. A masker that was silenced stays silent.
+        One step up that comes too soon after the one before is remembered, for `keep_up`, until a step down or silence.
+        A masker that was silenced stays silent.
         """
         if key not in MASKER:
             return False
-        louder, now_ns = key == LOUDER_KEY, self.clock.now_ns()
+        if key == LOUDER_KEY and (said := self.keep_up()):
+            self.console.tell(Notice(said))
         with self._lock:
-            level_db_a, soon = self.masker.level_db_a, louder and now_ns < self._rises_ns
-            if level_db_a is not None and not soon:
-                self._rises_ns = now_ns + RISE_NS if louder else self._rises_ns
-                if not louder:
-                    level_db_a = self.masker.set_level(level_db_a - STEP_DB)
-                    self._note(level_db_a)
-        if louder and not soon and level_db_a is not None:
-            level_db_a = self._rise(self.masker.set_level, level_db_a + STEP_DB)
+            level_db_a = self.masker.level_db_a
+            soon = key == LOUDER_KEY and level_db_a is not None and self.clock.now_ns() < self._rises_ns
+            self._wanted = soon
+            if key != LOUDER_KEY and level_db_a is not None:
+                self._falls += 1
+                level_db_a = self.masker.set_level(level_db_a - STEP_DB)
+                self._note(level_db_a)
+        if key == LOUDER_KEY and not soon:
+            level_db_a = self._step_up()
         self.record()
-        if level_db_a is None:
-            said = "The masker is silent."
-        elif soon:
-            said = f"Masker still at {level_db_a:.0f} dB(A): it rises once in {RISE_NS / 1e9:g} s, and no faster."
-        else:
-            at_limit = " (the limit)" if level_db_a >= self.limit_db_a else ""
-            said = f"Masker at {level_db_a:.0f} dB(A){at_limit}."
-        self.console.tell(Notice(said))
+        later = f": it rises once in {RISE_NS / 1e9:g} s, and will once more" if soon else ""
+        self.console.tell(Notice(self._in_words(level_db_a, later)))
         return True
+
+    def keep_up(self) -> str:
+        """Carry out the step up that is remembered, once it may be, and `record`; return what is to be told of it."""
+        with self._lock:
+            due = self._wanted and self.clock.now_ns() >= self._rises_ns
+            self._wanted = self._wanted and not due
+        said = self._in_words(self._step_up()) if due else ""
+        self.record()
+        return said
+
+    def drop(self) -> None:
+        """Remember no step up any more."""
+        with self._lock:
+            self._wanted = False
+
+    def _step_up(self) -> float | None:
+        """Rise by one step; return the level in force, None in silence."""
+        with self._lock:
+            level_db_a = self.masker.level_db_a
+            self._rises_ns = self.clock.now_ns() + RISE_NS
+        return None if level_db_a is None else self._rise(self.masker.set_level, level_db_a + STEP_DB)
+
+    def _in_words(self, level_db_a: float | None, later: str = "") -> str:
+        if level_db_a is None:
+            return "The masker is silent."
+        at_limit = " (the limit)" if level_db_a >= self.limit_db_a else ""
+        return f"Masker {'still ' if later else ''}at {level_db_a:.0f} dB(A){at_limit}{later}."
 
     @property
     def exposure(self) -> MaskerExposure:
@@ -138,6 +166,7 @@ class Masking:
     def end(self) -> None:
         """Fade out until the level is chosen anew; it returns at once, whatever the disk does."""
         with self._lock:
+            self._wanted = False
             self.masker.stop()
             if self._noted_db_a is not None:
                 self._note(None)
@@ -157,13 +186,19 @@ class Masking:
         with self._lock:
             if self._silenced:
                 return None
+            falls = self._falls
             self._note(min(level_db_a, self.limit_db_a))
         self.record()
         in_force = None
         with self._lock:
             try:
-                if not self._silenced:
+                if falls != self._falls:
+                    # A step down came while the disk was waited for.
+                    in_force = self.masker.level_db_a
+                elif not self._silenced:
                     in_force = play(level_db_a)
+                    # However long the disk took.
+                    self._rises_ns = self.clock.now_ns() + RISE_NS
             except DoseUsedUp:
                 self._silenced = self._used_up = True
             if in_force != self._noted_db_a:

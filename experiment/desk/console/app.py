@@ -20,7 +20,7 @@ from palpate.experiment.desk import messages
 from palpate.experiment.desk.console import forms, picture
 from palpate.experiment.desk.console.panes import Board
 from palpate.experiment.desk.console.picture import COMMANDS, PRESSES, keycap
-from palpate.experiment.desk.console.presses import MOUSE, Presses
+from palpate.experiment.desk.console.presses import MOUSE, Chosen, Presses
 from palpate.experiment.desk.link import Line
 from palpate.experiment.errors import LinkError
 
@@ -119,6 +119,7 @@ class Console(App[Left]):
         self._lost = self._stands = False
         self._heard_s = time.monotonic()
         self._presses = Presses()
+        self._chosen: Chosen | None = None
         self._form: forms.Form | None = None
         self._sent: dict[int, messages.Deed] = {}
         self._filled: int | None = None
@@ -191,6 +192,7 @@ class Console(App[Left]):
         elif back and self._form is None:
             self._say("")
         self._draw()
+        self._follow()
 
     def on_lost(self, message: Lost) -> None:
         self._lost = True
@@ -203,6 +205,9 @@ class Console(App[Left]):
 
     def _replied(self, reply: messages.Reply) -> None:
         deed = self._sent.pop(reply.id, None)
+        if self._chosen is not None and self._chosen.sent == reply.id:
+            self._chosen.taken = reply.taken
+            self._follow()
         filled = reply.id == self._filled
         if filled:
             self._filled = None
@@ -270,6 +275,8 @@ class Console(App[Left]):
 
     def _press(self, key: str, at_s: float) -> None:
         """Do what a key is for."""
+        if key != messages.ENTER:
+            self._forget()
         if key in (PAUSE, LEAVE) and self.view_now.ended is not None:
             self.exit(Left("ended", ended=self.view_now.ended))
         elif key == PAUSE and self._lost:
@@ -282,8 +289,16 @@ class Console(App[Left]):
             self._open(forms.opened(FORMS[key], self.view_now))
         elif key in SCROLLS:
             self._board.scroll(key)
-        else:
+        elif key != messages.ENTER or not self._enters(at_s):
             self._answer(key, at_s)
+
+    def _enters(self, at_s: float) -> bool:
+        """Return whether Enter belongs to the key that was pressed last; then it confirms that."""
+        if self._chosen is None or not self._chosen.owns(self._question, self._presses.seen(at_s)):
+            return False
+        self._chosen.entered = True
+        self._follow()
+        return True
 
     def _press_in_form(self, key: str) -> None:
         """Do what a key, or a click, is for while a form is open."""
@@ -313,10 +328,30 @@ class Console(App[Left]):
             self._open(forms.answering(question))
         elif question.number >= 0:
             self._say("")
-            self._send(messages.Choose(question=question.number, key=key))
+            sent = self._send(messages.Choose(question=question.number, key=key))
+            if sent is not None and question.kind == "answer":
+                self._chosen = Chosen(question.number, sent)
         elif key in keys:
             ended = self.view_now.ended
             self.exit(Left("ended", ended=ended) if ended is not None else Left("gone", again=key == messages.ENTER))
+
+    def _follow(self) -> None:
+        """Have Enter confirm the key that it belongs to, once that is asked; what else is asked ends that."""
+        chosen, question = self._chosen, self._question
+        confirmed = None if chosen is None else chosen.confirmed_by(question)
+        if chosen is None or confirmed is None:
+            return
+        if not confirmed:
+            self._forget()
+        elif chosen.entered and question is not None:
+            self._chosen = None
+            self._send(messages.Choose(question=question.number, key=messages.ENTER))
+
+    def _forget(self) -> None:
+        """Let no Enter belong to the last key any more; one that was waiting for it answered nothing."""
+        chosen, self._chosen = self._chosen, None
+        if chosen is not None and chosen.entered:
+            self._ignore(messages.TYPED[messages.ENTER], "Enter had nothing to confirm, and was ignored.")
 
     def _ignore(self, typed: str, words: str) -> None:
         self._say(words, "ignored")

@@ -1,4 +1,11 @@
-"""Which press of a key, or of the mouse's button, counts: not one that repeats, nor one from before its question."""
+"""Which press of a key, or of the mouse's button, counts: not one that repeats, nor one from before its question.
+
+Enter right after an answer's key belongs to that key, and confirms it however late its question is drawn.
+"""
+
+from dataclasses import dataclass
+
+from palpate.experiment.desk.messages import Asked
 
 HELD_S = 0.75
 """The same key again after less time than this is held down, s: a held key repeats after at most 0.66 s on X11, Wayland
@@ -34,3 +41,28 @@ class Presses:
     def seen(self, at_s: float) -> int | None:
         """Return the question that whoever pressed a key at that time could have seen; None for none."""
         return self.question if at_s - self._since_s >= SEEN_S else None
+
+
+@dataclass
+class Chosen:
+    """A key that was sent as the command `sent` to a `question`, whose answers are confirmed.
+
+    `taken` is None until the session has replied. `entered`: Enter was pressed after it, with no press in between.
+    """
+
+    question: int
+    sent: int
+    taken: bool | None = None
+    entered: bool = False
+
+    def owns(self, asked: Asked | None, seen: int | None) -> bool:
+        """Return whether Enter belongs to the key: nothing else that is asked could have been seen."""
+        return asked is None or asked.number == self.question or asked.number != seen
+
+    def confirmed_by(self, asked: Asked | None) -> bool | None:
+        """Return whether Enter confirms the key at what is asked now; None while that is not known yet."""
+        if self.taken is False:
+            return False
+        if asked is None or asked.number == self.question:
+            return None
+        return self.taken if asked.confirms == self.question else False

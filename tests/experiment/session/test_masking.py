@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from dataclasses import replace
 from pathlib import Path
@@ -288,25 +289,81 @@ def test_a_disk_that_stands_still_holds_up_neither_silence_nor_the_dose() -> Non
     assert [entry.level_db_a for entry in written if isinstance(entry, MaskerSet)] == [48.0, None]
 
 
-@given(st.lists(st.tuples(st.sampled_from("+++-"), st.floats(0, 0.3)), max_size=60))
-def test_the_level_rises_no_faster_than_the_ear_follows_and_falls_at_once(presses: list[tuple[str, float]]) -> None:
-    """2 dB in half a second, however fast whichever keys come; every softer counts, and only changes are journaled."""
+@given(st.lists(st.tuples(st.sampled_from("++++--."), st.floats(0, 0.4)), max_size=60))
+def test_the_level_rises_no_faster_than_the_ear_follows_and_one_press_is_remembered(
+    presses: list[tuple[str, float]],
+) -> None:
+    """2 dB in half a second, however fast whichever keys come, and whoever keeps up meanwhile (`.`): one step up that
+    came too soon follows, unless a softer came, which counts at once.
+    """
     clock = ManualClock(START_NS)
     masker = ScriptedMasker(clock, limit_db_a=80.0)
-    console, written = ScriptedConsole(clock, ""), list[MaskerSet | Note]()
-    one = Masking(masker, console, written.append, clock)
-    level_db_a, rose_s, now_s = masker.start(54.0), list[float](), 0.0
-    for count, (key, after_s) in enumerate(presses, start=1):
+    written = list[MaskerSet | Note]()
+    one = Masking(masker, ScriptedConsole(clock, ""), written.append, clock)
+    level_db_a, now_s, remembered, rises_s, rises = masker.start(54.0), 0.0, False, 0.0, 0
+    for key, after_s in presses:
         clock.sleep_ns(round(after_s * 1e9))
         now_s += round(after_s * 1e9) / 1e9
-        assert one.change(key)
-        assert masker.level_db_a in ((level_db_a - 2,) if key == "-" else (level_db_a, level_db_a + 2))
-        if masker.level_db_a == level_db_a:
-            assert now_s - rose_s[-1] < 0.5
-            assert console.shown[-1].startswith(f"Masker still at {level_db_a:.0f} dB(A): ")
-        elif key == "+":
-            assert not rose_s or now_s - rose_s[-1] > 0.5 - 1e-6
-            rose_s.append(now_s)
-        level_db_a = masker.level_db_a or 0.0
-        assert len(console.shown) == count
-    assert len(written) == len(rose_s) + sum(key == "-" for key, _ in presses)
+        for wanted in (remembered and key != "-", key == "+"):
+            if wanted and now_s > rises_s - 1e-6:
+                level_db_a, rises_s, rises, remembered = min(level_db_a + 2, 80.0), now_s + 0.5, rises + 1, False
+            elif wanted:
+                remembered = True
+        if key == "-":
+            level_db_a, remembered = level_db_a - 2, False
+        if key == ".":
+            one.keep_up()
+        else:
+            assert one.change(key)
+        assert masker.level_db_a == level_db_a
+    assert len(written) == rises + sum(key == "-" for key, _ in presses)
+
+
+@pytest.mark.parametrize("drops", ["-", "pause", "keep"])
+def test_a_press_that_is_remembered_is_dropped_by_softer_by_a_pause_and_by_keeping_the_level(drops: str) -> None:
+    clock = ManualClock(START_NS)
+    masker = ScriptedMasker(clock)
+    console = ScriptedConsole(clock, "")
+    one = Masking(masker, console, lambda _: None, clock)
+    masker.start(50.0)
+    for _ in range(3):
+        assert one.change("+")
+    assert masker.level_db_a == 52.0
+    if drops == "-":
+        one.change("-")
+    elif drops == "pause":
+        one.silence()
+    else:
+        one.drop()
+    clock.sleep_ns(10**9)
+    assert one.keep_up() == ""
+    assert masker.level_db_a == {"-": 50.0, "pause": None, "keep": 52.0}[drops]
+
+
+def test_softer_counts_while_the_disk_holds_up_a_step_up() -> None:
+    """The step up that was under way is not taken any more, and what is on record last is what is heard."""
+    clock = ManualClock(START_NS)
+    masker, written = ScriptedMasker(clock), list[MaskerSet | Note]()
+    hangs, goes_on = threading.Event(), threading.Event()
+
+    def write(entry: MaskerSet | Note) -> None:
+        if not written:
+            hangs.set()
+            assert goes_on.wait(10)
+        written.append(entry)
+
+    one = Masking(masker, ScriptedConsole(clock, ""), write, clock)
+    masker.start(50.0)
+    rising = threading.Thread(target=one.change, args=("+",))
+    rising.start()
+    assert hangs.wait(60)
+    falling = threading.Thread(target=one.change, args=("-",))
+    falling.start()
+    ends_s = time.monotonic() + 10
+    while masker.level_db_a != 48.0 and time.monotonic() < ends_s:
+        time.sleep(0.001)
+    goes_on.set()
+    rising.join(60)
+    falling.join(60)
+    assert masker.level_db_a == 48.0
+    assert [entry.level_db_a for entry in written if isinstance(entry, MaskerSet)] == [52.0, 48.0]

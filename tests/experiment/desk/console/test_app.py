@@ -120,6 +120,56 @@ def test_a_key_that_is_held_answers_neither_this_question_twice_nor_the_next(
     assert notices == approved
 
 
+def confirming(number: int, confirms: int) -> View:
+    asked = question("confirm", number=number).model_copy(update={"confirms": confirms})
+    return ARMED.model_copy(update={"state": "answering", "question": asked})
+
+
+@pytest.mark.parametrize("drawn_first", [False, True])
+def test_enter_right_after_a_key_confirms_that_key_however_late_its_question_is_drawn(
+    tmp_path: Path, drawn_first: bool
+) -> None:
+    async def then(there: Desk) -> None:
+        for number in (10, 20):
+            count = len(there.end.deeds)
+            await there.show(asking("answer", number))
+            await there.press("c")
+            await there.deeds(count + 1)
+            if drawn_first:
+                await there.show(confirming(number + 1, number))
+                await there.press("enter", at_s=time.monotonic())
+            else:
+                await there.press("enter")
+                await there.show(ARMED)
+                assert len(there.end.deeds) == count + 1
+                await there.show(confirming(number + 1, number))
+            chosen = [Choose(question=number, key="c", t_ns=0), Choose(question=number + 1, key="enter", t_ns=0)]
+            assert (await there.deeds(count + 2))[count:] == chosen
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+@pytest.mark.parametrize("between", ["a", "escape", "f2", "refused", "another question", "another's confirmation"])
+def test_enter_belongs_to_no_key_that_was_not_taken_or_was_not_the_last(tmp_path: Path, between: str) -> None:
+    async def then(there: Desk) -> None:
+        there.end.refusals = {"refused": {"c": "no"}, "a": {"a": CLOSED}, "escape": {"escape": CLOSED}}.get(between, {})
+        await there.show(asking("answer", 10))
+        await there.press("c")
+        if len(between) == 1 or between == "escape":
+            await there.press(between)
+            await there.press("enter")
+        elif between == "f2":
+            await there.press("f2", "enter", "escape")
+        else:
+            await there.press("enter")
+        view = asking("answer", 11) if between == "another question" else confirming(11, 10)
+        await there.show(confirming(11, 7) if between.startswith("another's") else view)
+        await there.press("z", "escape")
+        assert Choose(question=11, key="enter", t_ns=0) not in await there.deeds(3)
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
 def test_a_session_that_stands_still_is_told_of_and_so_is_its_going_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
 ) -> None:
