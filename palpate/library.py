@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     import os
@@ -236,6 +236,9 @@ def spectrum(
     decimal: str | None = None,
     time_unit: str | None = None,
     time_column: str | None = None,
+    axes: Sequence[str | int] | None = None,
+    reduction: Literal["dft321", "norm"] = "dft321",
+    resample: bool = False,
 ) -> AmplitudeSpectrum:
     """Read one channel of a recording, and return its amplitude spectrum. What is doubtful in the file is warned of.
 
@@ -255,6 +258,12 @@ def spectrum(
         The unit of the times of a text file that does not say: s, ms, us, ns, min or h.
     time_column
         The name of the column of times, where it does not say so or there are several.
+    axes
+        Names or numbers of channels that are the axes of one sensor and become one, in place of `channel`.
+    reduction
+        How they do: ``"dft321"`` has the power of all at each frequency, ``"norm"`` is the length of the acceleration.
+    resample
+        Whether samples at uneven times are brought onto an even grid, by a cubic spline whose error is warned of.
 
     Returns
     -------
@@ -268,11 +277,14 @@ def spectrum(
     PalpateError
         `decimal` is neither a point nor a comma.
     """
+    from palpate.experiment.recordings.readers import Axes
     from palpate.experiment.recordings.spectrum import of_file
     from palpate.experiment.settings.delimited import Stated
 
     named = None if channel is None else str(channel)
-    found = of_file(Path(file), channel=named, stated=Stated(encoding, decimal, time_unit, time_column))
+    made_of = None if axes is None else Axes(tuple(map(str, axes)), reduction)
+    stated = Stated(encoding, decimal, time_unit, time_column, resample=resample)
+    found = of_file(Path(file), channel=named, axes=made_of, stated=stated)
     for doubt in found.recording.doubts:
         warnings.warn(doubt.sentence(), stacklevel=2)
     return found

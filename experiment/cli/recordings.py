@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -129,6 +129,17 @@ def spectrum(
         typer.Argument(metavar="FILE", help="WAV, text with a column of times, LabVIEW, MATLAB or HDF5 file."),
     ],
     channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,
+    axes: Annotated[
+        tuple[str, str, str] | None,
+        typer.Option("--axes", metavar="X Y Z", help="Three channels that are the axes of one sensor, made one."),
+    ] = None,
+    reduction: Annotated[
+        Literal["dft321", "norm"],
+        typer.Option("--reduction", help="How axes become one: all their power at each frequency, or their length."),
+    ] = "dft321",
+    resample: Annotated[
+        bool, typer.Option("--resample", help="Bring samples at uneven times onto an even grid.")
+    ] = False,
     plot: Annotated[
         Path | None, typer.Option("--plot", help="Draw the spectrum into this file (.png or .svg) [default: nothing].")
     ] = None,
@@ -141,15 +152,22 @@ def spectrum(
     """Print the spectrum of a recording, and plot it with --plot.
 
     The peaks of the amplitude spectrum are listed. The sampling rate of text and LabVIEW columns is taken from their
-    time column and not from a header.
+    time column and not from a header. With --axes the three channels of an accelerometer become one: dft321 has at each
+    frequency the power of all three (Landin et al. 2010), norm the length of the acceleration without its mean. Samples
+    at uneven times are refused; with --resample a cubic spline takes them to an even grid, and its error is stated.
+    Gaps of at most 8 samples are bridged so. What looks clipped is said to.
     """
     from palpate.experiment.recordings import spectrum as spectra
+    from palpate.experiment.recordings.readers import Axes
     from palpate.experiment.settings.delimited import Stated
 
     if plot is not None and plot.exists() and file.exists() and plot.samefile(file):
         raise PalpateError(f"--plot {plot}", "this is the recording itself", "name another file")
-    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context))
-    result = spectra.of_file(file, channel=channel, stated=stated)
+    if axes is not None and channel is not None:
+        raise PalpateError("got --channel with --axes", remedy="leave one of them out", allowed="either")
+    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context), resample)
+    made_of = None if axes is None else Axes(axes, reduction)
+    result = spectra.of_file(file, channel=channel, axes=made_of, stated=stated)
     drawn = None if plot is None else spectra.plot(result, plot)
     plotted = f"\nPlot: {drawn}" if drawn else ""
     options.put({**result.as_dict(), "plot": str(drawn) if drawn else None} if as_json else result.text() + plotted)

@@ -4,8 +4,9 @@ The content decides the format. The rate is that of a column of times if there i
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -14,17 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy
-from palpate.experiment.recordings.columns import RowLines, read_columns
+from palpate.experiment.recordings import grid
+from palpate.experiment.recordings.axes import REDUCTIONS, Reduction
 from palpate.experiment.recordings.formats import format_of
 from palpate.experiment.recordings.formats.interface import Format
-from palpate.experiment.recordings.unfinished import completed
+from palpate.experiment.recordings.formats.unfinished import completed
+from palpate.experiment.recordings.text.columns import RowLines, read_columns
 from palpate.experiment.recordings.wav import wav_samples
 from palpate.experiment.settings import delimited
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood, number
 from palpate.experiment.settings.units import SECONDS, Heading, heading, is_clock, is_counter, likely_unit, time_unit
-
-LARGEST_STEP_ERROR = 0.5
-"""How far a time step may be from the median step, and a sample from its place on an even grid, in steps."""
 
 SLOWEST_HZ, FASTEST_HZ = 20.0, 1e7
 """Nobody records a vibration at rates outside of these: another unit of time is more likely."""
@@ -60,6 +60,14 @@ class Recording:
 
 
 @dataclass(frozen=True)
+class Axes:
+    """Channels, by name or number, that are the axes of one sensor, and how they become one."""
+
+    channels: tuple[str, ...]
+    reduction: Reduction = "dft321"
+
+
+@dataclass(frozen=True)
 class _Column:
     """One column: heading, finite values, their lines from 1; in LabVIEW a time step (NaN for none) and a dimension."""
 
@@ -89,36 +97,56 @@ class _Table:
     cut: str = ""
 
 
-def read(path: Path, *, channel: str | None = None, stated: Stated = NOTHING_STATED) -> Recording:
+def read(
+    path: Path, *, channel: str | None = None, axes: Axes | None = None, stated: Stated = NOTHING_STATED
+) -> Recording:
     """Return one channel of a recording: the one of this name or number (from 1), or the first that counts no samples.
 
-    Raises `RecordingError`, with a line if any, for an unreadable file, a missing channel, samples that are not finite,
-    and times that are missing, uneven, or in a unit that neither the file nor `stated` says.
+    With `axes`, it is made of several. Raises `RecordingError`, with a line if any, for an unreadable file, a missing
+    channel, samples that are not finite, times that are missing, uneven, or in a unit that neither the file nor
+    `stated` says, and axes that differ in rate, length or unit.
     """
     try:
-        content = delimited.content(path)
-        if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
-            whole, missing = completed(content)
-            made = _from_wav(path, *wav_samples(whole, file=str(path)), channel)
-            doubt = Finding(missing, where=path, remedy="check where it ends", verdict="warns", check="unfinished")
-            return replace(made, doubts=(doubt,)) if missing else made
-        if (binary := format_of(content)) is not None:
-            return _recording(str(path), channel, _from_channels(binary, content, stated), stated)
-        text, encoding = delimited.decoded(content, path, stated)
-        lvm = text.startswith("LabVIEW Measurement")
-        table = _from_lvm(text.splitlines()) if lvm else _from_columns(content, text, encoding, stated)
-        return _recording(str(path), channel, table, stated)
+        pick = _opened(path, stated)
+        return pick(channel) if axes is None else _of_axes([pick(one) for one in axes.channels], axes.reduction)
     except PalpateError as error:
         raise RecordingError.at(replace(error.finding, where=path)) from None
 
 
-def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | None) -> Recording:
+def _opened(path: Path, stated: Stated) -> Callable[[str | None], Recording]:
+    """Read a file; return what returns one of its channels."""
+    content = delimited.content(path)
+    if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
+        whole, missing = completed(content)
+        return partial(_from_wav, path, *wav_samples(whole, file=str(path)), missing)
+    if (binary := format_of(content)) is not None:
+        table = _from_channels(binary, content, stated)
+    else:
+        text, encoding = delimited.decoded(content, path, stated)
+        lvm = text.startswith("LabVIEW Measurement")
+        table = _from_lvm(text.splitlines()) if lvm else _from_columns(content, text, encoding, stated)
+    return partial(_recording, str(path), table, stated)
+
+
+def _of_axes(axes: Sequence[Recording], reduction: Reduction) -> Recording:
+    """Return one channel made of several axes."""
+    first = axes[0]
+    for one in axes[1:]:
+        got = f"got {one.channel!r} beside {first.channel!r}"
+        if (one.rate_hz, one.samples.size) != (first.rate_hz, first.samples.size):
+            raise RecordingError(f"{got}, with another rate or length", allowed="axes that were sampled together")
+        if one.unit != first.unit:
+            raise RecordingError(f"{got}, in {one.unit!r} and {first.unit!r}", allowed="axes in one unit")
+    doubts = tuple(dict.fromkeys(doubt for one in axes for doubt in one.doubts))
+    name = f"{reduction} of {', '.join(one.channel for one in axes)}"
+    samples = REDUCTIONS[reduction](np.stack([one.samples for one in axes]))
+    return replace(first, channel=name, samples=samples, doubts=doubts)
+
+
+def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], missing: str, channel: str | None) -> Recording:
     table = stored[:, None] if stored.ndim == 1 else stored
     names = tuple(f"channel {i + 1}" for i in range(table.shape[1]))
-    try:
-        place = _chosen(names, channel)
-    except RecordingError as error:
-        raise RecordingError.at(replace(error.finding, where=path)) from None
+    place = _chosen(names, channel)
     samples, unit = table[:, place].astype(np.float64), ""
     if stored.dtype.kind != "f":
         zero = 128.0 if stored.dtype == np.uint8 else 0.0
@@ -128,7 +156,10 @@ def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | Non
     if not np.all(np.isfinite(samples)):
         at = int(np.flatnonzero(~np.isfinite(samples))[0])
         raise RecordingError(path, f"sample {at}: got {samples[at]}", "record it again", allowed="finite numbers")
-    return Recording(str(path), names[place], names, samples, unit, float(rate_hz), "WAV header")
+    doubts = _clipped(str(path), table[:, place])
+    if missing:
+        doubts += (Finding(missing, where=path, remedy="check where it ends", verdict="warns", check="unfinished"),)
+    return Recording(str(path), names[place], names, samples, unit, float(rate_hz), "WAV header", doubts=doubts)
 
 
 def _chosen(names: tuple[str, ...], asked: str | None, what: str = "channel") -> int:
@@ -376,7 +407,7 @@ def _values(rows: _Rows, place: int, name: str, decimal: str) -> tuple[NDArray[n
     return np.array(values), [line for line, _ in rows[: len(values)]]
 
 
-def _recording(file: str, channel: str | None, table: _Table, stated: Stated) -> Recording:
+def _recording(file: str, table: _Table, stated: Stated, channel: str | None) -> Recording:
     """Return the channel asked for, at the rate of its column of times, or of its header where it has none."""
     names = tuple(signal.name for signal in table.signals)
     first = next((place for place, signal in enumerate(table.signals) if not _counts(signal)), 0)
@@ -387,22 +418,25 @@ def _recording(file: str, channel: str | None, table: _Table, stated: Stated) ->
             f"channel {chosen.name!r} stands over {chosen.dimension}", remedy="choose another channel", allowed="Time"
         )
     claimed_hz = 1 / chosen.step if chosen.step > 0 and isfinite(1 / chosen.step) else None
-    doubts: tuple[Finding, ...] = ()
+    samples, doubts = chosen.values.astype(np.float64), _clipped(file, chosen.values)
     if clock is not None:
-        count = chosen.values.size
-        if clock.values.size < count:
+        if clock.values.size < samples.size:
             raise RecordingError(
                 "got a sample without a time",
                 remedy="export the measurement again",
                 allowed="a time in every row",
                 line=chosen.lines[clock.values.size],
             )
-        clock = replace(clock, values=clock.values[:count])
-        rate_hz, jitter = _even(clock, _unit_s(clock, stated))
-        doubts = _doubts(file, rate_hz, stated)
+        times_s = _since_first(clock, _unit_s(clock, stated))[: samples.size]
+        if stated.resample and (made := grid.resampled(times_s, samples, clock.lines)) is not None:
+            samples, on = made.samples, made.grid
+            doubts += (_resampled(file, made),)
+        else:
+            on = grid.even(times_s, clock.lines, stated)
+        doubts += _doubts(file, on.rate_hz, stated)
         source = f"time column {clock.name!r}"
     elif claimed_hz is not None:
-        rate_hz, jitter, claimed_hz = claimed_hz, 0.0, None
+        on, claimed_hz = grid.Grid(claimed_hz, 0.0), None
         source = "header, no time column to check it against"
     else:
         raise RecordingError(
@@ -412,8 +446,29 @@ def _recording(file: str, channel: str | None, table: _Table, stated: Stated) ->
         )
     if table.cut:
         doubts += (Finding(table.cut, where=file, remedy="check where it ends", verdict="warns", check="unfinished"),)
-    of_channel = (file, chosen.name, names, chosen.values.astype(np.float64), chosen.unit)
-    return Recording(*of_channel, rate_hz, source, claimed_hz, jitter, table.segments, table.understood, doubts)
+    read_as = (source, claimed_hz, on.jitter, table.segments, table.understood, doubts)
+    return Recording(file, chosen.name, names, samples, chosen.unit, on.rate_hz, *read_as)
+
+
+def _since_first(clock: _Column, unit_s: float) -> NDArray[np.float64]:
+    """Return times since the first, s: those since 1970 in nanoseconds have more digits than a float."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        times: NDArray[np.float64] = (clock.values - clock.values[0]).astype(np.float64) * unit_s
+    return times
+
+
+def _resampled(file: str, made: grid.Resampled) -> Finding:
+    gaps = f"; {made.bridged} missing samples are bridged, {made.longest} in a row at most" if made.bridged else ""
+    what = f"was resampled at {made.grid.rate_hz:.6g} Hz, with an error of some {made.error:.2g} of its rms{gaps}"
+    return Finding(what, where=file, remedy="record at a steady rate", verdict="warns", check="resampled")
+
+
+def _clipped(file: str, samples: NDArray[Any]) -> tuple[Finding, ...]:
+    if (found := grid.clipping(samples)) is None:
+        return ()
+    ends = " and ".join(f"{end:.6g}" for end in found.ends)
+    what = f"looks clipped: {found.samples} samples in {found.runs} runs stand at {ends}"
+    return (Finding(what, where=file, remedy="record at a lower gain", verdict="warns", check="clipping"),)
 
 
 def _counts(signal: _Column) -> bool:
@@ -458,7 +513,7 @@ def _doubts(file: str, rate_hz: float, stated: Stated) -> tuple[Finding, ...]:
 def _rises_evenly(column: _Column) -> bool:
     try:
         _look_like_times(column)
-        _even(column, 1.0)
+        grid.even(_since_first(column, 1.0), column.lines, NOTHING_STATED)
     except RecordingError:
         return False
     return True
@@ -485,37 +540,3 @@ def _look_like_times(first: _Column, stated: Stated = NOTHING_STATED) -> None:
             allowed="a column of times",
             line=first.lines[0],
         )
-
-
-def _even(times: _Column, unit_s: float) -> tuple[float, float]:
-    """Return the sampling rate in Hz of a column of times, and the largest departure from an even grid in steps."""
-    if times.values.size < 2:
-        raise RecordingError(
-            f"got {times.values.size} rows", remedy="record longer", allowed="two or more, for a sampling rate"
-        )
-    with np.errstate(over="ignore", invalid="ignore"):
-        # Times since 1970 in nanoseconds have more digits than a float.
-        t = (times.values - times.values[0]).astype(np.float64) * unit_s
-        steps = np.diff(t)
-        median = float(np.median(steps))
-        worst = int(np.argmax(np.abs(steps - median)))
-        if not (0 < median < np.inf and abs(steps[worst] - median) <= LARGEST_STEP_ERROR * median):
-            raise RecordingError(
-                f"got a time step of {steps[worst]:g} s",
-                remedy="record without gaps or resample it evenly",
-                allowed=f"within {LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s",
-                line=times.lines[worst + 1],
-            )
-        mean = float(t[-1] / steps.size)
-        off = np.abs(t - mean * np.arange(t.size)) / mean
-    at = int(np.argmax(off))
-    if not off[at] <= LARGEST_STEP_ERROR:
-        raise RecordingError(
-            f"got a sample {off[at]:.2f} steps away from an even grid",
-            remedy="record at a steady rate or resample it evenly",
-            allowed=f"{LARGEST_STEP_ERROR} steps",
-            line=times.lines[at],
-        )
-    if not np.isfinite(1 / mean):
-        raise RecordingError(f"got time steps of {mean:g} s", remedy="correct the unit of time", allowed="longer ones")
-    return 1 / mean, float(off[at])

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import fft, optimize, signal
 
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.recordings.readers import Recording, read
+from palpate.experiment.recordings.readers import Axes, Recording, read
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated
 
 if TYPE_CHECKING:
@@ -113,9 +113,14 @@ class AmplitudeSpectrum:
         return "\n".join(lines)
 
 
-def of_file(path: Path, *, channel: str | None = None, stated: Stated = NOTHING_STATED) -> AmplitudeSpectrum:
-    """Return the spectrum of one channel of a file. Raises `RecordingError` as `read` and `amplitude_spectrum` do."""
-    return amplitude_spectrum(read(path, channel=channel, stated=stated))
+def of_file(
+    path: Path, *, channel: str | None = None, axes: Axes | None = None, stated: Stated = NOTHING_STATED
+) -> AmplitudeSpectrum:
+    """Return the spectrum of one channel of a file, or of several axes as one.
+
+    Raises `RecordingError` as `read` and `amplitude_spectrum` do.
+    """
+    return amplitude_spectrum(read(path, channel=channel, axes=axes, stated=stated))
 
 
 def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:

@@ -67,6 +67,7 @@ class Stated:
     """What whoever gives a file says of it, where that is not read from the file itself.
 
     `command` is the command line so far, to which a remedy adds an option; without it, a remedy names the option alone.
+    `resample`: samples at uneven times are brought onto an even grid.
     """
 
     encoding: str | None = None
@@ -74,6 +75,7 @@ class Stated:
     time_unit: str | None = None
     time_column: str | None = None
     command: tuple[str, ...] = ()
+    resample: bool = False
 
     def __post_init__(self) -> None:
         """Raise `PalpateError` for what is no decimal sign."""

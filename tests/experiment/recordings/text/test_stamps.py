@@ -9,7 +9,7 @@ import pytest
 
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.readers import read
-from palpate.experiment.recordings.stamps import ORIGIN_NS, without_stamps
+from palpate.experiment.recordings.text.stamps import ORIGIN_NS, without_stamps
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.recordings.stamps import without_stamps
+from palpate.experiment.recordings.text.stamps import without_stamps
 from palpate.experiment.settings.delimited import (
     DELIMITERS,
     SAMPLE,

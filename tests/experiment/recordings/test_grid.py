@@ -1,0 +1,105 @@
+"""Uneven times, gaps and clipping, of signals with a closed form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate.experiment.errors import RecordingError, Remedy
+from palpate.experiment.recordings.grid import LONGEST_GAP, clipping, resampled
+from palpate.experiment.recordings.readers import Axes, read
+from palpate.experiment.settings.delimited import Stated
+from tests.approved import Refuses
+
+RESAMPLE = Stated(resample=True, command=("palpate", "spectrum", "a.csv"))
+
+
+def _wave(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return 20 Hz and 30 Hz, which a tenth of 1 kHz and half of that both show."""
+    return np.asarray(np.sin(2 * np.pi * 20 * times) + 0.5 * np.cos(2 * np.pi * 30 * times))
+
+
+def _uneven(seed: int, count: int = 1000) -> NDArray[np.float64]:
+    rng = np.random.default_rng(seed)
+    times = np.arange(count) / 1000 + rng.uniform(-0.0004, 0.0004, count)
+    return np.asarray(times - times[0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_resampled_is_the_signal_within_the_error_that_is_stated(seed: int) -> None:
+    times = _uneven(seed)
+    made = resampled(times, _wave(times), range(1, 1001))
+    assert made is not None
+    assert made.grid.rate_hz == pytest.approx(1000, rel=0.02)
+    truth = _wave(np.arange(made.samples.size) / made.grid.rate_hz)
+    assert float(np.sqrt(np.mean((made.samples - truth) ** 2)) / truth.std()) <= made.error < 0.01
+    assert (made.bridged, made.longest) == (0, 0)
+
+
+def test_missing_samples_are_bridged_and_counted_and_a_longer_gap_is_refused(refuses: Refuses) -> None:
+    times = np.delete(np.arange(1000) / 1000, range(300, 300 + LONGEST_GAP))
+    made = resampled(times, _wave(times), range(1, times.size + 1))
+    assert made is not None
+    assert (made.samples.size, made.bridged, made.longest) == (1000, LONGEST_GAP, LONGEST_GAP)
+    assert float(np.abs(made.samples - _wave(np.arange(1000) / 1000)).max()) < 0.02
+    times = np.delete(np.arange(1000) / 1000, range(300, 301 + LONGEST_GAP))
+    with refuses(RecordingError):
+        resampled(times, _wave(times), range(1, times.size + 1))
+    with pytest.raises(RecordingError) as refused:
+        resampled(np.array([0, 1e-3, 1e-3, 2e-3]), np.zeros(4), range(1, 5))
+    assert refused.value.finding.line == 3
+
+
+def test_a_file_with_uneven_times_names_the_option_that_reads_it(tmp_path: Path) -> None:
+    file, times = tmp_path / "a.csv", _uneven(1)
+    rows = zip(times.tolist(), _wave(times).tolist(), strict=True)
+    file.write_text("time (s),a (g)\n" + "".join(f"{t},{a}\n" for t, a in rows))
+    with pytest.raises(RecordingError) as refused:
+        read(file, stated=Stated(command=("palpate", "spectrum", "a.csv")))
+    remedy = refused.value.finding.remedy
+    assert isinstance(remedy, Remedy)
+    assert remedy.command == ("palpate", "spectrum", "a.csv", "--resample")
+    found = read(file, stated=RESAMPLE)
+    assert [doubt.check for doubt in found.doubts] == ["resampled"]
+    assert abs(found.samples.size - 1000) < 20
+
+
+def test_even_times_stay_as_they_are_whatever_is_stated(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text("time (s),a (g)\n" + "".join(f"{i / 1000:.3f},{i % 7}\n" for i in range(50)))
+    assert read(file, stated=RESAMPLE).samples.tolist() == [i % 7 for i in range(50)]
+    assert read(file, stated=RESAMPLE).doubts == ()
+
+
+def test_three_axes_of_a_file_are_one_channel(tmp_path: Path, refuses: Refuses) -> None:
+    file = tmp_path / "a.csv"
+    rows = "".join(f"{i / 1000:.3f},{i % 3},{i % 5},{9.81 + i % 2}\n" for i in range(60))
+    file.write_text(f"time (s),x (g),y (g),z (g)\n{rows}")
+    one = read(file, axes=Axes(("x", "y", "z")))
+    parts = [read(file, channel=name).samples for name in "xyz"]
+    power = sum(float(part.var()) for part in parts)
+    assert (one.channel, one.unit) == ("dft321 of x, y, z", "g")
+    assert float(one.samples.var()) == pytest.approx(power)
+    assert float(read(file, axes=Axes(("1", "2", "3"), "norm")).samples.min()) >= 0
+    file.write_text(f"time (s),x (g),y (m/s^2),z (g)\n{rows}")
+    with refuses(RecordingError):
+        read(file, axes=Axes(("x", "y", "z")))
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.int16])
+def test_a_signal_that_was_cut_looks_clipped_and_whole_ones_do_not(dtype: type[np.generic]) -> None:
+    turns = np.arange(2000) / 2000
+    waves = [np.sin(2 * np.pi * cycles * turns) * 1000 for cycles in (1, 7, 50, 333)]
+    rng = np.random.default_rng(1)
+    for wave in (*waves, rng.normal(size=2000) * 300, np.zeros(2000), np.repeat([0.0, 800.0, 0.0], 700)):
+        assert clipping(wave.astype(dtype)) is None
+    noisy = np.sin(2 * np.pi * 47.3 * turns) * 1000 + rng.uniform(-1, 1, 2000)
+    assert clipping(noisy.astype(dtype)) is None
+    found = clipping(np.clip(noisy, -700, 700).astype(dtype))
+    assert found is not None
+    assert found.ends == (700.0, -700.0)
+    assert 90 <= found.runs <= 95
+    assert 900 < found.samples < 1100
