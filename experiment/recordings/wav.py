@@ -10,6 +10,9 @@ from scipy.io import wavfile
 
 from palpate.experiment.errors import RecordingError
 
+FORMS = {2: "ADPCM", 6: "A-law", 7: "mu-law", 0x11: "IMA ADPCM", 0x55: "MP3"}
+"""Forms that are neither PCM nor float, by their tag."""
+
 
 def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
     """Return a WAV file's sampling rate in Hz, and its samples in their own type, shape (n,) or (n, channels).
@@ -29,7 +32,7 @@ def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
         got = (
             short
             if content[:4] != b"RF64" and content[8:12] == b"WAVE" and len(content) < states
-            else "got a WAV file that cannot be decoded"
+            else _undecoded(content)
         )
         raise RecordingError(file, got, "export it again", allowed="whole PCM or float") from error
     if rate_hz < 1 or samples.size == 0:
@@ -40,3 +43,13 @@ def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
             allowed="one or more at 1 Hz or more",
         )
     return int(rate_hz), np.asarray(samples)
+
+
+def _undecoded(content: bytes) -> str:
+    """Return what cannot be decoded: a form other than PCM or float by the tag in its header, or a damaged file."""
+    place = content.find(b"fmt ") + 8
+    tag = int.from_bytes(content[place : place + 2], "big" if content[:4] == b"RIFX" else "little")
+    known = tag in (1, 3, 0xFFFE) or place < 8
+    return (
+        "got a damaged WAV file" if known else f"got a WAV file in the form {tag:#06x} ({FORMS.get(tag, 'compressed')})"
+    )

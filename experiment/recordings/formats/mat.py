@@ -1,4 +1,4 @@
-"""MAT 5, as MATLAB and Octave write it: each numeric variable is channels; cells and structures stay closed.
+"""MAT 5, as MATLAB and Octave write it: each numeric variable, or field of a structure, is channels.
 
 The format is MathWorks' "MAT-File Format", level 5. scipy reads it, too, and may end the process at a damaged one.
 """
@@ -24,9 +24,10 @@ from palpate.experiment.settings.delimited import LARGEST
 
 NAME = "MAT"
 MATRIX, COMPRESSED = 14, 15
+STRUCTURE = 2
 CLOSED = {
     1: "a cell array",
-    2: "a structure",
+    2: "an array of structures",
     3: "an object",
     4: "text",
     5: "a sparse matrix",
@@ -34,6 +35,9 @@ CLOSED = {
     17: "an object",
 }
 COMPLEX = 0x0800
+DEEPEST = 8
+"""Structures within structures are opened so far."""
+
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """How the numbers of an element are stored, by its type; a matrix of doubles may be stored as bytes."""
 
@@ -50,7 +54,7 @@ def read(content: bytes) -> tuple[list[Channel], str]:
     try:
         if not order:
             raise ValueError("its header is not whole")
-        held = [_variable(data, order) for data in _matrices(content, order)]
+        held = [one for data in _matrices(content, order) for one in _variables(data, order)]
     except (ValueError, KeyError, struct.error, zlib.error) as error:
         raise RecordingError(
             f"got a damaged file of {NAME} ({error})", remedy="save it again", allowed="a whole one"
@@ -63,8 +67,12 @@ def read(content: bytes) -> tuple[list[Channel], str]:
             remedy="save times and samples as variables of their own",
             allowed="variables that are numbers",
         )
-    step_s = next((step for name, values in numbers if (step := stated_step_s(name, values)) > 0), np.nan)
-    return [one for name, values in numbers for one in channels_of(name, values, step_s=step_s)], ""
+    steps = {group: step for name, values in numbers for group, own in (_split(name),)
+             if (step := stated_step_s(own, values)) > 0}  # fmt: skip
+    known = next(iter(steps.values()), np.nan) if len(set(steps.values())) < 2 else np.nan
+    return [
+        one for name, values in numbers for one in channels_of(name, values, step_s=steps.get(_split(name)[0], known))
+    ], ""
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
@@ -97,20 +105,47 @@ def _matrices(content: bytes, order: str) -> Iterator[bytes]:
             yield data
 
 
-def _variable(data: bytes, order: str) -> _Variable:
+def _split(name: str) -> tuple[str, str]:
+    """Return the structure that a variable stands in, empty for none, and its own name."""
+    group, _, own = name.rpartition("/")
+    return group, own
+
+
+def _variables(data: bytes, order: str, within: str = "", depth: int = 0) -> Iterator[_Variable]:
+    """Yield a variable, or each field of a structure by its path, such as `trial/acceleration`."""
     parts = _elements(data, order)
     (_, flags), (_, sizes), (_, name) = (next(parts, (0, b"")) for _ in range(3))
     (about,) = struct.unpack_from(f"{order}I", flags)
-    kind, bare = about & 0xFF, name.decode("utf-8", "replace")
-    if kind in CLOSED or about & COMPLEX:
-        return _Variable(bare, None, CLOSED.get(kind, "complex numbers"))
+    kind, bare = about & 0xFF, within or name.decode("utf-8", "replace")
     shape = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
-    stored, numbers = next(parts, (0, b""))
+    if kind == STRUCTURE and prod(shape) == 1 and depth < DEEPEST:
+        for field, inner in _fields(parts, order):
+            yield from _variables(inner, order, f"{bare}/{field}", depth + 1)
+    elif kind in CLOSED or about & COMPLEX:
+        yield _Variable(bare, None, CLOSED.get(kind, "complex numbers"))
+    else:
+        yield _numbers(bare, shape, next(parts, (0, b"")), order)
+
+
+def _fields(parts: Iterator[tuple[int, bytes]], order: str) -> Iterator[tuple[str, bytes]]:
+    """Yield the name of each field of one structure, and its matrix; an empty one has no bytes, and is left out."""
+    (_, size), (_, names) = (next(parts, (0, b"")) for _ in range(2))
+    (length,) = struct.unpack(f"{order}i", size)
+    if length < 1:
+        raise ValueError("its structure has no names of fields")
+    for at in range(0, len(names), length):
+        kind, inner = next(parts, (0, b""))
+        if kind == MATRIX and inner:
+            yield names[at : at + length].split(b"\0")[0].decode("utf-8", "replace"), inner
+
+
+def _numbers(name: str, shape: tuple[int, ...], stored: tuple[int, bytes], order: str) -> _Variable:
+    kind, numbers = stored
     refuse_large([max(prod(shape), 0)], NAME)
     if not prod(shape):
-        return _Variable(bare, None, "nothing")
-    values = np.frombuffer(numbers, dtype=np.dtype(order + TYPES[stored]))
-    return _Variable(bare, values.astype(values.dtype.newbyteorder("=")).reshape(shape, order="F"), "")
+        return _Variable(name, None, "nothing")
+    values = np.frombuffer(numbers, dtype=np.dtype(order + TYPES[kind]))
+    return _Variable(name, values.astype(values.dtype.newbyteorder("=")).reshape(shape, order="F"), "")
 
 
 FORMAT = Format(NAME, (b"MATLAB 5.0 MAT-file",), read)

@@ -139,7 +139,7 @@ def nan_inside() -> np.ndarray:
         (rewrite(1000, nan_inside()), r"got NaN or infinite samples"),
         (rewrite(1000, np.zeros(16, np.float32), trusted=False), r"got sha256 .* of the manifest; restore the file"),
         (lambda d: first_wav(d).unlink(), r"copy_paper_50_1.wav: cannot be read .*; restore it"),
-        (lambda d: first_wav(d).write_bytes(b"RIFFnonsense"), r"copy_paper_50_1.wav: got a WAV file that cannot be"),
+        (lambda d: first_wav(d).write_bytes(b"RIFFnonsense"), r"copy_paper_50_1.wav: got a damaged WAV file"),
         (lambda d: first_wav(d, "panel").unlink(), r"panel_50_1.wav: cannot be read"),
         (lambda d: (d / "manifest.toml").unlink(), r"manifest.toml: cannot be read"),
         (lambda d: (d / "manifest.toml").write_text("=\n"), r"manifest.toml: line 1: column 1: got .=.; allowed: TOML"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from pathlib import Path
 
@@ -446,3 +447,14 @@ def test_an_empty_column_of_remarks_keeps_the_headings_and_a_channel_is_named_as
     for asked in ("Kraft", "Kraft [N]", "2"):
         made = read(path, channel=asked)
         assert (made.channels, made.channel, made.unit, made.rate_hz) == (("Weg", "Kraft"), "Kraft", "N", 1000.0)
+
+
+def test_a_compressed_wav_is_refused_by_the_name_of_its_form(tmp_path: Path) -> None:
+    path = tmp_path / "a.wav"
+    path.write_bytes(
+        b"RIFF" + struct.pack("<I", 46) + b"WAVEfmt " + struct.pack("<IHHIIHHH", 18, 6, 1, 8000, 8000, 1, 8, 0)
+        + b"data" + struct.pack("<I", 8) + bytes(8)
+    )  # fmt: skip
+    with pytest.raises(RecordingError) as refused:
+        read(path)
+    assert "0x0006 (A-law)" in refused.value.finding.what

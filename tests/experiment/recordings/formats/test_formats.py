@@ -137,8 +137,15 @@ def test_numbers_of_every_kind_are_those_that_scipy_wrote(tmp_path: Path, kind: 
     assert made.rate_hz == 100.0
 
 
-@pytest.mark.parametrize("held", [{"data": {"fs": 1.0}}, {"cells": np.array([1, "a"], dtype=object)}])
-def test_structures_and_cells_stay_closed(tmp_path: Path, held: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "held",
+    [
+        {"trials": np.array([(SAMPLES,), (SAMPLES,)], dtype=[("acc", object)])},
+        {"cells": np.array([1, "a"], dtype=object)},
+    ],
+    ids=["array of structures", "cells"],
+)
+def test_arrays_of_structures_and_cells_stay_closed(tmp_path: Path, held: dict[str, Any]) -> None:
     path = tmp_path / "recording.mat"
     savemat(path, held)
     with pytest.raises(RecordingError) as refused:
@@ -152,3 +159,26 @@ def test_samples_that_are_no_numbers_are_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="sample 1"):
         read(path)
     assert format_of(io.BytesIO(b"time,a").read()) is None
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_fields_of_structures_are_channels_with_the_rate_of_their_own_structure(
+    tmp_path: Path, compressed: bool
+) -> None:
+    path = tmp_path / "recording.mat"
+    slow = {"acc": SAMPLES[::2], "Fs": RATE_HZ / 2, "note": "x", "none": [], "cells": np.array([1, "a"], dtype=object)}
+    inner = {"acc": SAMPLES, "Fs": RATE_HZ}
+    savemat(path, {"slow": slow, "outer": {"fast": inner, "n": 3}}, do_compression=compressed)
+    made = read(path, channel="outer/fast/acc")
+    np.testing.assert_array_equal(made.samples, SAMPLES)
+    assert made.channels == ("slow/acc", "outer/fast/acc")
+    assert made.rate_hz == pytest.approx(RATE_HZ)
+    assert read(path, channel="slow/acc").rate_hz == pytest.approx(RATE_HZ / 2)
+
+
+def test_times_in_a_structure_are_those_of_its_samples(tmp_path: Path) -> None:
+    path = tmp_path / "recording.mat"
+    savemat(path, {"trial": {"time": TIMES_S, "acc": SAMPLES}})
+    made = read(path, stated=Stated(time_unit="s"))
+    assert made.channel == "trial/acc"
+    assert made.rate_hz == pytest.approx(RATE_HZ)
