@@ -26,8 +26,8 @@ from palpate.analysis.numerics.numerics import (
 )
 from palpate.analysis.numerics.played import PREPARED, Played
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
 from palpate.experiment.synthesis.noticing import FINGERTIP, SOLE, unnoticed_share
+from palpate.experiment.synthesis.signals.noise import CLAIMED_DB, CLAIMED_FROM_S
 from palpate.experiment.synthesis.stepping.impact import Collision, Course, closed_form, in_steps
 from palpate.experiment.synthesis.stepping.steppers import EXACT, STEPPERS
 

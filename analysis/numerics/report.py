@@ -44,7 +44,7 @@ from palpate.analysis.numerics.oracle import PAPER_SAMPLES
 from palpate.analysis.numerics.played import FULL_SCALE_M_S2, Played
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.synthesis.contact.sampled import of_the_paper
-from palpate.experiment.synthesis.noise import CLAIMED_FROM_S
+from palpate.experiment.synthesis.signals.noise import CLAIMED_FROM_S
 
 TITLES = {
     "synthesis": "Synthesis: equations (3) to (5)",

@@ -24,7 +24,7 @@ from palpate.analysis.reading.versions import apply_rules, read_versions
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError, other_format
 from palpate.experiment.protocol import designs, kinds
-from palpate.experiment.records.events import NO_ANSWER, columns_of
+from palpate.experiment.records.events import NO_ANSWER, PLACES, Columns, columns_of
 from palpate.experiment.settings.characters import JOINERS, hidden, quoted
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ OF_STEPS = {
 }
 """What only footsteps have: its name in the frame, its column, and what that may hold; NaN of other trials."""
 
-PRESENTED = ("presented", "first", "second")
+PRESENTED = ("presented", *PLACES)
 """Columns that say what a trial presented; a kind has the first, or the others."""
 
 ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED")
@@ -258,16 +258,21 @@ def _sidecar(path: Path) -> dict[str, Any]:
     for key, known in (("Kind", kinds.NAMES), ("Design", designs.NAMES)):
         if sidecar.get(key) not in known:
             raise _wrong(path, key, sidecar.get(key), ", ".join(known))
-    if len(_presented(sidecar["Kind"])) != designs.design_of(sidecar["Design"]).intervals:
+    if len(_presented(_design(sidecar))) != designs.design_of(sidecar["Design"]).intervals:
         raise _wrong(path, "Design", sidecar["Design"], f"a design that asks of what {sidecar['Kind']} presents")
     if not isinstance(rows, int):
         raise _wrong(path, "Rows", rows, "the number of rows")
     return sidecar
 
 
-def _presented(kind: str) -> list[str]:
-    """Return the columns that say what a trial of a kind presented."""
-    return [column for column in PRESENTED if column in columns_of(kind)]
+def _columns(asked: TaskDesign) -> Columns:
+    """Return the columns of a table of trials of a kind and a design."""
+    return columns_of(asked.kind, designs.design_of(asked.name).intervals)
+
+
+def _presented(asked: TaskDesign) -> list[str]:
+    """Return those that say what a trial presented."""
+    return [column for column in PRESENTED if column in _columns(asked)]
 
 
 def _wrong(path: Path, key: str, got: object, allowed: str) -> DatasetError:
@@ -321,7 +326,7 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
 
 def _events(path: Path, participant: str, task: str, levels: _Levels, count: int) -> list[dict[str, object]]:
     columns, lines = _table(path)
-    own = columns_of(levels.design.kind)
+    own = _columns(levels.design)
     if missing := [column for column in own if column not in columns]:
         raise DatasetError(path, f"missing columns: {', '.join(missing)}", "make the dataset again")
     if len(lines) != count:
@@ -340,7 +345,7 @@ def _events(path: Path, participant: str, task: str, levels: _Levels, count: int
 
 def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, object]:
     counted = cells["counted"]
-    presented = _presented(levels.design.kind)
+    presented = _presented(levels.design)
     answers = (*levels.design.answers, NO_ANSWER)
     choices = {
         "counted": ("0", "1"),

@@ -61,10 +61,11 @@ def left_out(study: Study) -> tuple[str, ...]:
         return ()
     most = known.sort_values("left_out").iloc[-1]
     less = bool(most["left_out"] >= LITTLE)
+    speed = "" if pd.isna(most["foot_speed_mm_s"]) else f" at {most['foot_speed_mm_s']:.0f} mm/s"
     changed = (known["stimulus_error"] ** 2 - known["left_out"] ** 2).clip(lower=0.0).max() ** 0.5
     told = [
         f"The rig did not carry all that was asked for: up to {_percent(most['left_out'])} % of a vibration (rms) was "
-        f"left out, of {most['presented']} at {most['foot_speed_mm_s']:.0f} mm/s."
+        f"left out, of {most['presented']}{speed}."
     ] * less
     if changed >= MUCH:
         what = "The limits of panel and amplifier, and the response table"

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError
-from palpate.experiment.records.events import NO_ANSWER, Columns, columns_of
+from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.records.events import NO_ANSWER, PLACES, Columns, columns_of
 from palpate.experiment.records.software import Software
 
 BIDS_VERSION = "1.10.0"
@@ -230,9 +231,10 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
     path = beh_path(root, participant, task.id, "events.tsv")
     attempts = list(rows)
     known = {name for row in attempts for name in row}
-    texts = {**columns_of(task.kind), **{name: text for name, text in columns_of("further").items() if name in known}}
+    own = columns_of(task.kind, design_of(task.design).intervals)
+    texts = {**own, **{name: text for name, text in columns_of("further").items() if name in known}}
     described = _described(texts, task.origin)
-    for name in ("presented", "first", "second"):
+    for name in ("presented", *PLACES):
         if name in described:
             described[name]["Levels"] = {one: task.materials[one] for one in task.presented or task.materials}
     described["answered"]["Levels"] = {**(task.answers or task.materials), NO_ANSWER: "no material was named"}

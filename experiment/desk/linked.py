@@ -25,7 +25,7 @@ ALONE_S = 600.0
 SCREEN_S = 60.0
 """Nothing is armed for so long, s, while the participant's screen opens; PsychoPy takes some ten to load."""
 
-KEEPS_STATE = ("answer", "confirm", "familiarise", "break", "continue")
+KEEPS_STATE = ("play", "answer", "confirm", "familiarise", "break", "continue")
 """Questions that belong to a state of the session; while any other is asked, and after it, what comes is prepared."""
 
 PATIENCE_NS = 300_000_000

@@ -65,6 +65,7 @@ Kind = Literal[
     "say",
     "rest",
     "place",
+    "play",
     "answer",
     "confirm",
     "debrief",

@@ -24,6 +24,7 @@ AT_QUESTION: dict[str, Show] = {
     "say": "wait",
     "rest": "rest",
     "place": "wait",
+    "play": "ready",
     "answer": "answer",
     "confirm": "answer",
     "debrief": "finished",

@@ -223,6 +223,23 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Play:
+    """Whether what a trial presents begins now, which is `by` one person alone."""
+
+    kind: ClassVar[Kind] = "play"
+    trial: int
+    by: By
+
+    @property
+    def text(self) -> str:
+        return f"Trial {self.trial}. Nothing is felt before the key."
+
+    @property
+    def choices(self) -> tuple[Choice, ...]:
+        return keyed({ENTER: "present it"}, by=self.by)
+
+
+@dataclass(frozen=True)
 class TrialAnswer:
     """What the participant said: a key of `answers`, or `none` for no answer; `others` do something else."""
 
@@ -333,6 +350,14 @@ class Silent:
 
 
 @dataclass(frozen=True)
+class Played:
+    """That a stimulus of a trial has been presented: the first of them, the second ..."""
+
+    trial: int
+    place: int
+
+
+@dataclass(frozen=True)
 class Proposed:
     """What the microphone seems to have heard, which decides nothing."""
 
@@ -357,7 +382,7 @@ class Stopped:
     """That the participant stopped everything with the pedal."""
 
 
-Event = Notice | At | Instructed | Silent | Proposed | Answered | Stopped
+Event = Notice | At | Instructed | Silent | Played | Proposed | Answered | Stopped
 
 
 class Attended(Protocol):

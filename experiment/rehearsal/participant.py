@@ -126,6 +126,8 @@ class Practised:
             self._propose()
         else:
             self.desk.tell(event)
+            if isinstance(event, questions.Played):
+                self.participant.tell(event)
 
     def _propose(self) -> None:
         """Show beside the question what the participant says, and what the microphone proposes."""
@@ -142,6 +144,8 @@ class Practised:
                 return self.desk.ask(replace(question, by="either"))
             case questions.TrialAnswer():
                 return self._ask(question)
+            case questions.Play(by="participant"):
+                return self.participant.ask(question)
             case Arm() | questions.Place():
                 self._said = self._proposed = ""
         reply = self.desk.ask(question)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from palpate.experiment.apparatus.rig import Rig
-    from palpate.experiment.synthesis.noise import Colour
+    from palpate.experiment.synthesis.signals.noise import Colour
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def masker_samples(*, colour: Colour, rate_hz: int, seconds: float) -> NDArray[n
     """Return a round of the masker's noise, rms 1, shape (n,), the same in all sessions. Raises `SynthesisError`."""
     import numpy as np
 
-    from palpate.experiment.synthesis.noise import noise
+    from palpate.experiment.synthesis.signals.noise import noise
 
     drawn = np.random.default_rng(0)
     return noise(colour=colour, samples=round(seconds * rate_hz), rate_hz=rate_hz, rng=drawn)

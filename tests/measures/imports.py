@@ -110,6 +110,16 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/desk/panel.py",
         "experiment/session/kinds/footstep/felt.py",
     ),
+    "presented": (
+        "experiment/dataset/kinds/presented.py",
+        "experiment/protocol/kinds/presented.py",
+        "experiment/protocol/page/presented.py",
+        "experiment/records/kinds/presented.json",
+        "experiment/records/kinds/presented.py",
+        "experiment/rehearsal/kinds/presented",
+        "experiment/session/kinds/presented",
+        "experiment/synthesis/signals/waves.py",
+    ),
     "stepping": ("experiment/synthesis/stepping",),
     "levels": (
         "experiment/protocol/levels.py",

@@ -5,7 +5,7 @@ Such a decision is a line that
 - asks whether a protocol has the table of a kind or a design, or a study or task its `answers`, by `is None`,
 - asks with `isinstance` or `case` whether something is of a class from a kind's room,
 - reads `pairs` of a view, or compares a `kind` or `design` with the name of one,
-- or is an entry of a table by the names of the kinds.
+- or is an entry of a table by the names of several kinds.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def _decision_lines(node: ast.AST, classes: frozenset[str]) -> Iterator[int]:
                 yield node.lineno
         case ast.Dict(keys=keys):
             named = [key for key in keys if isinstance(key, ast.Constant) and key.value in NAMES]
-            if len(named) == len(NAMES):
+            if len(named) > 1:
                 yield from (key.lineno for key in named)
 
 

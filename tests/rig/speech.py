@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-from palpate.experiment.synthesis.noise import noise
+from palpate.experiment.synthesis.signals.noise import noise
 
 RATE_HZ = 48_000
 RISEN = 0.02

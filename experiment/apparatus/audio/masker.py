@@ -26,7 +26,7 @@ ACTION_DB_A = 80.0
 """Lower exposure action value of the daily level, dB(A)."""
 
 AUDIBLE_HZ = 20.0
-"""Pink noise of a calibration reaches from here to half the sampling rate, as `synthesis.noise` makes it."""
+"""Pink noise of a calibration reaches from here to half the sampling rate, as `synthesis.signals.noise` makes it."""
 
 _POLES_HZ = (20.598997, 107.65265, 737.86223, 12194.217)
 """Of the weighting: IEC 61672-1, annex E."""

@@ -63,6 +63,7 @@ ASKED = {
     "say": Phase("SAY", "", ORANGE),
     "rest": Phase("REST FOOT", "", ORANGE),
     "place": Phase("LAY OUT", "LAY OUT", ORANGE),
+    "play": Phase("PRESENT", "ARMED", ORANGE),
     "answer": Phase("ANSWER", "ANSWER", VIOLET),
     "confirm": Phase("CONFIRM", "ANSWER", WHITE),
     "debrief": Phase("DEBRIEF", "", ORANGE),

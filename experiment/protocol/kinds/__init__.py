@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 from palpate.experiment.settings.load import Broken, Confined, Table
 
-Kind = Literal["footstep", "tapping"]
+Kind = Literal["footstep", "tapping", "presented"]
 """Every kind."""
 
 NAMES: tuple[Kind, ...] = get_args(Kind)

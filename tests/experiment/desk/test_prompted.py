@@ -46,6 +46,7 @@ from palpate.experiment.desk.questions import (
     GoOn,
     Level,
     Place,
+    Play,
     Rest,
     Silent,
     TrialAnswer,
@@ -131,6 +132,7 @@ ORDER: tuple[tuple[str, Callable[[Desk], object], str, str], ...] = (
     ("rest", lambda desk: desk.ask(Rest("")), "rest", "wait"),
     ("place", lambda desk: desk.ask(Place(1, ("foil",))), "wait", "wait"),
     ("", lambda desk: desk.ask(Arm(1, 1, 4)).waited, "ready", "ready"),
+    ("play", lambda desk: desk.ask(Play(1, "experimenter")), "ready", "ready"),
     (
         "answer",
         lambda desk: desk.ask(TrialAnswer(1, {"c": "copy paper"}, "n", {})).key,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 from hypothesis import strategies as st
 
 from palpate.experiment.desk.messages import (
@@ -10,6 +12,7 @@ from palpate.experiment.desk.messages import (
     Choice,
     Ended,
     Gauges,
+    Kind,
     Lamp,
     Standing,
     Told,
@@ -20,20 +23,7 @@ from palpate.experiment.protocol.rules import HEARD_KEY, PROBE_KEY
 MARK = "aluminum foil"
 """Stands for what is presented."""
 
-KINDS = (
-    "agree",
-    "write",
-    "familiarise",
-    "level",
-    "say",
-    "rest",
-    "place",
-    "answer",
-    "confirm",
-    "debrief",
-    "break",
-    "continue",
-)
+KINDS: tuple[str, ...] = get_args(Kind)
 STATES = ("preparing", "familiarising", "armed", "answering", "waiting", "paused", "ended")
 
 marked = st.sampled_from([MARK, f"Lay out {MARK}.", f"trial 3: {MARK}"])

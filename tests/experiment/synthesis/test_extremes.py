@@ -22,7 +22,8 @@ from palpate.analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
 from palpate.experiment import synthesis
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.session.kinds.footstep import sampling
-from palpate.experiment.synthesis import budget, crinkle, noise, noticing, shaping, spectra, voltages, waveforms
+from palpate.experiment.synthesis import budget, crinkle, noticing, shaping, spectra, voltages, waveforms
+from palpate.experiment.synthesis.signals import noise
 from tests.approved import Refuses
 from tests.experiment.synthesis.measured import accelerations
 

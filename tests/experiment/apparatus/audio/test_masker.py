@@ -25,7 +25,7 @@ from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import AudioError, DoseUsedUp
 from palpate.experiment.session import scene
-from palpate.experiment.synthesis.noise import Colour
+from palpate.experiment.synthesis.signals.noise import Colour
 from tests.approved import Refuses
 
 RATE_HZ = 48_000

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from palpate.experiment.desk.voice import hearing
 from palpate.experiment.desk.voice.hearing import SHORTEST, TAPS, cancelled, leak
 from palpate.experiment.errors import VoiceError
-from palpate.experiment.synthesis.noise import noise
+from palpate.experiment.synthesis.signals.noise import noise
 from tests.approved import Refuses
 
 

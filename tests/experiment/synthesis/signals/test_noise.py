@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis.noise import LOWEST_HZ, Colour, noise
+from palpate.experiment.synthesis.signals.noise import LOWEST_HZ, Colour, noise
 
 CENTRES_HZ = 1000.0 * 10.0 ** (0.3 * np.arange(-5, 5))
 """Exact centres of the octave bands from 31.5 Hz to 16 kHz (IEC 61260-1, base ten)."""

@@ -1,0 +1,265 @@
+"""Presented stimuli in a protocol: what sets one off, what each material's is, and the rules of that."""
+
+from collections.abc import Iterator
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from palpate.experiment.protocol.designs import NAMES, design_of
+from palpate.experiment.protocol.kinds import ProtocolKind, number_at, table_at, tables_at
+from palpate.experiment.protocol.models import KindTable
+from palpate.experiment.settings.load import Broken, Confined, Name, Rules, Table
+
+OF_STEPS = ("frames-lost", "speed-below", "speed-above")
+"""What only a footstep has, for an exclusion rule to judge."""
+
+Hertz = Annotated[float, Field(gt=0, le=20_000)]
+Peak = Annotated[float, Field(ge=0, le=100)]
+Lasts = Annotated[float, Field(gt=0, le=10)]
+
+
+class Sinusoid(Confined):
+    """A sinusoid, which begins at zero.
+
+    Attributes:
+        frequency_hz: its frequency.
+        amplitude_m_s2: its peak.
+        lasts_s: how long it lasts.
+    """
+
+    frequency_hz: Hertz
+    amplitude_m_s2: Peak
+    lasts_s: Lasts
+
+
+class Decaying(Confined):
+    """A sinusoid that fades from its beginning, by exp(-t B).
+
+    Attributes:
+        frequency_hz: its frequency.
+        amplitude_m_s2: its peak, if it did not fade.
+        decay_per_s: B, how fast it fades.
+        lasts_s: how long it lasts.
+    """
+
+    frequency_hz: Hertz
+    amplitude_m_s2: Peak
+    decay_per_s: Annotated[float, Field(gt=0, le=10_000)]
+    lasts_s: Lasts
+
+
+def _noise_rules(table: Table) -> Iterator[Broken]:
+    """`high_hz` is greater than `low_hz`."""
+    low, high = number_at(table, "low_hz"), number_at(table, "high_hz")
+    if low is not None and high is not None and high <= low:
+        yield Broken(("high_hz",), f"a number greater than low_hz ({low})")
+
+
+class Noise(Confined):
+    """A burst of noise, equally strong at all frequencies of a band, and the same whenever it is played.
+
+    Attributes:
+        low_hz: where the band begins.
+        high_hz: where it ends.
+        rms_m_s2: its rms.
+        seed: from which its phases are drawn; another one is another burst.
+        lasts_s: how long it lasts.
+    """
+
+    RULES: ClassVar[Rules] = _noise_rules
+
+    low_hz: Hertz
+    high_hz: Hertz
+    rms_m_s2: Peak
+    seed: Annotated[int, Field(ge=0, le=2**31)]
+    lasts_s: Lasts
+
+
+class Sweep(Confined):
+    """A sinusoid whose frequency goes from one to another.
+
+    Attributes:
+        from_hz: the first frequency.
+        to_hz: the last one.
+        amplitude_m_s2: its peak.
+        by: by even `hertz`, or by even `octaves`.
+        lasts_s: how long it lasts.
+    """
+
+    from_hz: Hertz
+    to_hz: Hertz
+    amplitude_m_s2: Peak
+    by: Literal["hertz", "octaves"]
+    lasts_s: Lasts
+
+
+def _pulses_rules(table: Table) -> Iterator[Broken]:
+    """A cycle of `cycle_hz` ends before the next pulse, and by `lasts_s`."""
+    every, cycle, lasts = (number_at(table, key) for key in ("every_s", "cycle_hz", "lasts_s"))
+    if every is not None and cycle and every * cycle < 1:
+        yield Broken(("every_s",), f"at least a cycle of cycle_hz ({1 / cycle:g} s)")
+    if lasts is not None and cycle and lasts * cycle < 1:
+        yield Broken(("lasts_s",), f"at least a cycle of cycle_hz ({1 / cycle:g} s)")
+
+
+class Pulses(Confined):
+    """A train of pulses, each one whole cycle of a sinusoid, for a panel that cannot move on and on.
+
+    Attributes:
+        every_s: from one pulse to the next.
+        cycle_hz: the frequency of the cycle.
+        amplitude_m_s2: its peak.
+        lasts_s: how long the train lasts; only pulses that end by then are played.
+    """
+
+    RULES: ClassVar[Rules] = _pulses_rules
+
+    every_s: Lasts
+    cycle_hz: Hertz
+    amplitude_m_s2: Peak
+    lasts_s: Lasts
+
+
+class Silence(Confined):
+    """Nothing: a gap in a stimulus, or a stimulus that is none.
+
+    Attributes:
+        lasts_s: how long it lasts.
+    """
+
+    lasts_s: Lasts
+
+
+WAVES = ("sinusoid", "decaying", "noise", "sweep", "pulses", "silence")
+"""What a part may be, by its table."""
+
+
+def _part_rules(table: Table) -> Iterator[Broken]:
+    """A part is exactly one wave, and both of its ramps end by its end."""
+    stated = [name for name in WAVES if table.get(name) is not None]
+    if len(stated) != 1:
+        yield Broken((stated[1] if stated else WAVES[0],), f"one of the tables {', '.join(WAVES)}, and no other")
+        return
+    lasts, ramp = number_at(table_at(table, stated[0]), "lasts_s"), number_at(table, "ramp_s")
+    if lasts is not None and ramp is not None and 2 * ramp > lasts:
+        yield Broken(("ramp_s",), f"at most half of {stated[0]}.lasts_s ({lasts / 2:g})")
+
+
+class Part(Confined):
+    """A part of a stimulus, which follows the one before without a gap: one wave.
+
+    Attributes:
+        ramp_s: for so long it rises from nothing, and falls to nothing, as a raised cosine does.
+        sinusoid: a sinusoid.
+        decaying: a sinusoid that fades.
+        noise: a burst of noise in a band.
+        sweep: a sinusoid of which the frequency changes.
+        pulses: a train of pulses.
+        silence: nothing.
+    """
+
+    RULES: ClassVar[Rules] = _part_rules
+
+    ramp_s: Annotated[float, Field(ge=0, le=5)] = 0.0
+    sinusoid: Sinusoid | None = None
+    decaying: Decaying | None = None
+    noise: Noise | None = None
+    sweep: Sweep | None = None
+    pulses: Pulses | None = None
+    silence: Silence | None = None
+
+    @property
+    def wave(self) -> tuple[str, Confined]:
+        """Which wave it is, and its table."""
+        return next((name, own) for name in WAVES if (own := getattr(self, name)) is not None)
+
+    @property
+    def lasts_s(self) -> float:
+        """How long it lasts, s."""
+        lasts_s: float = getattr(self.wave[1], "lasts_s")  # noqa: B009
+        return lasts_s
+
+
+class PresentedStimulus(Confined):
+    """What is played for a material.
+
+    Attributes:
+        material: whose stimulus it is.
+        parts: what it is made of, one after the other.
+    """
+
+    material: Name
+    parts: Annotated[tuple[Part, ...], Field(min_length=1)]
+
+    @property
+    def lasts_s(self) -> float:
+        """How long it lasts, s."""
+        return sum(part.lasts_s for part in self.parts)
+
+
+class Presented(KindTable):
+    """What trials of the kind `presented` need.
+
+    Attributes:
+        set_off: who sets a trial's stimuli off: the experimenter's key, the participant's, or the clock.
+        gap_s: the least time between an answer and the next stimulus.
+        pause_s: the time between two stimuli of a trial, from the end of one to the beginning of the next; a design
+            with several needs it.
+        left_out_max: the largest share of a stimulus (rms) that a rig may leave out; no participant is run on one that
+            leaves out more, or of which nobody knows.
+        stimuli: what is played for each material.
+    """
+
+    set_off: Literal["experimenter", "participant", "clock"]
+    gap_s: Annotated[float, Field(ge=0, le=60)]
+    pause_s: Annotated[float, Field(ge=0.2, le=10)] | None = None
+    left_out_max: Annotated[float, Field(gt=0, le=1)] | None = None
+    stimuli: Annotated[tuple[PresentedStimulus, ...], Field(min_length=1)]
+
+    def stimulus(self, material: str) -> PresentedStimulus:
+        """Return what is played for a material."""
+        return next(one for one in self.stimuli if one.material == material)
+
+
+def _rules(table: Table) -> Iterator[Broken]:
+    """The kind `presented` needs `[presented]`, with a stimulus for each material and `pause_s` for several in a trial.
+
+    Its tasks are `virtual`; no amplitude is above `exposure.vibration_peak_m_s2`; `masker.probe` is left out.
+    """
+    if table.get("presented") is None:
+        yield Broken(("presented",), "a table: tasks of the kind 'presented' need it")
+    own = table_at(table, "presented")
+    if table_at(table, "masker").get("probe") is not None:
+        yield Broken(("masker", "probe"), "no table: a probe is of a foot's speed, and nobody steps")
+    for i, rule in tables_at(table, "exclusion"):
+        if rule.get("when") in OF_STEPS:
+            yield Broken(("exclusion", i, "when"), "one of: undelivered, answers-below, withdrawn, where nobody steps")
+    for i, task in tables_at(table, "tasks"):
+        if task.get("stimulus") == "real":
+            yield Broken(("tasks", i, "stimulus"), "virtual: with this kind the rig plays every stimulus")
+        several = task.get("design") in NAMES and design_of(str(task["design"])).intervals > 1
+        if several and own and own.get("pause_s") is None:
+            allowed = "a number of seconds: a trial of this design presents several stimuli"
+            yield Broken(("presented", "pause_s"), allowed)
+    yield from _stimuli(table, own)
+
+
+def _stimuli(table: Table, own: Table) -> Iterator[Broken]:
+    ids = [one.get("id") for _, one in tables_at(table, "materials")]
+    had = [one.get("material") for _, one in tables_at(own, "stimuli")]
+    if own and (without := [str(one) for one in ids if one not in had]):
+        yield Broken(("presented", "stimuli"), f"one for each material, also for {', '.join(without)}")
+    peak = number_at(table_at(table, "exposure"), "vibration_peak_m_s2")
+    for i, one in tables_at(own, "stimuli"):
+        if had[i] not in ids or had[i] in had[:i]:
+            allowed = f"one of the materials, each once: {', '.join(map(str, ids))}"
+            yield Broken(("presented", "stimuli", i, "material"), allowed)
+        for j, part in tables_at(one, "parts"):
+            for name in WAVES:
+                strongest = number_at(table_at(part, name), "amplitude_m_s2")
+                if peak is not None and strongest is not None and strongest > peak:
+                    place = ("presented", "stimuli", i, "parts", j, name, "amplitude_m_s2")
+                    yield Broken(place, f"at most exposure.vibration_peak_m_s2 ({peak:g})")
+
+
+KIND = ProtocolKind(table=Presented, since=7, intervals=(1, 2, 3), rules=_rules)

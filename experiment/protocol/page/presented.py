@@ -1,0 +1,88 @@
+"""What a board's page says of presented stimuli."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from palpate.experiment.protocol.blocks import Block, Item, Said, named, number
+from palpate.experiment.protocol.kinds.presented import Part, Presented, PresentedStimulus
+from palpate.experiment.protocol.models import Protocol, Task
+from palpate.experiment.protocol.page.words import KindWords
+
+_SET_OFF = {
+    "experimenter": "The experimenter sets off what a trial presents, by a key.",
+    "participant": "The participants set off what a trial presents themselves, by a key.",
+    "clock": "What a trial presents begins by itself.",
+}
+
+_WAVES: Mapping[str, Callable[[Any], str]] = {
+    "sinusoid": lambda it: f"a sinusoid of {number(it.frequency_hz)} Hz, {number(it.amplitude_m_s2)} m/s^2 at its peak",
+    "decaying": lambda it: (
+        f"a sinusoid of {number(it.frequency_hz)} Hz and {number(it.amplitude_m_s2)} m/s^2 that fades by exp(-t B), "
+        f"with B = {number(it.decay_per_s)} /s"
+    ),
+    "noise": lambda it: (
+        f"noise from {number(it.low_hz)} to {number(it.high_hz)} Hz, {number(it.rms_m_s2)} m/s^2 rms, drawn from the "
+        f"seed {it.seed}"
+    ),
+    "sweep": lambda it: (
+        f"a sinusoid whose frequency goes from {number(it.from_hz)} to {number(it.to_hz)} Hz by even {it.by}, "
+        f"{number(it.amplitude_m_s2)} m/s^2 at its peak"
+    ),
+    "pulses": lambda it: (
+        f"a pulse every {number(it.every_s)} s, each one cycle of {number(it.cycle_hz)} Hz with "
+        f"{number(it.amplitude_m_s2)} m/s^2 at its peak"
+    ),
+    "silence": lambda _: "nothing",
+}
+
+
+def _stimuli(protocol: Protocol) -> Iterator[Block]:
+    table = protocol.table(Presented)
+    yield Said(
+        f"{_SET_OFF[table.set_off]} Nothing is felt within {number(table.gap_s)} s of an answer, nor while a question "
+        "is open. Each stimulus is as stated here, in the acceleration of what is touched, and is the same each time:"
+    )
+    for one in table.stimuli:
+        yield Item(f"{named(one.material)}: {_declared(one)}.")
+    if table.pause_s is not None:
+        yield Said(
+            f"Where a trial presents several, {number(table.pause_s)} s lie between the end of one and the next."
+        )
+    yield Said(
+        "The protocol sets no limit to what a rig may leave out of a stimulus because it cannot carry its "
+        "frequencies. Each trial's record says what share was left out."
+        if table.left_out_max is None
+        else f"No participant is run on a rig that leaves out more than {number(100 * table.left_out_max)} % (rms) of "
+        "any stimulus because it cannot carry its frequencies, or of which nobody knows what it carries."
+    )
+    yield Said(
+        "Nor is one run on a rig on which the limit of vibration changes any of these stimuli. Nobody tells the "
+        "participant whether an answer was right."
+    )
+
+
+def _declared(stimulus: PresentedStimulus) -> str:
+    parts = "; then ".join(map(_part, stimulus.parts))
+    return parts if len(stimulus.parts) == 1 else f"{parts}. In all {number(round(stimulus.lasts_s, 6))} s"
+
+
+def _part(part: Part) -> str:
+    name, wave = part.wave
+    ramp = f", with ramps of {number(part.ramp_s)} s at both ends" if part.ramp_s else ""
+    return f"{_WAVES[name](wave)}, for {number(part.lasts_s)} s{ramp}"
+
+
+def _felt(protocol: Protocol, task: Task) -> str:
+    table = protocol.table(Presented)
+    presented = protocol.presentations(task)
+    once_s = sum(table.stimulus(material).lasts_s for one in presented for material in one)
+    total_s = number(round(task.repetitions * once_s, 1))
+    return f"In task {task.id} stimuli last {total_s} s in all at most, if no trial is repeated."
+
+
+WORDS = KindWords(
+    sources={"virtual": "virtual: vibrations that the protocol declares"},
+    recorded=lambda _: "when each stimulus began, ",
+    stimuli=_stimuli,
+    felt=_felt,
+)

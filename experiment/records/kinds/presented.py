@@ -1,0 +1,94 @@
+"""Models of what presented stimuli leave in the journal."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+from palpate.experiment.records.entries import Lines, Outcome, Record
+from palpate.experiment.records.stimulus import Delivered, Stimulus, played_line
+
+
+class Interval(Record):
+    """One stimulus of a trial: that of `material`, asked for at the session time `onset_ns`.
+
+    `delivered` is the loopback's result; None without one or a known fault.
+    """
+
+    material: str
+    onset_ns: int
+    stimulus: Stimulus
+    delivered: Delivered | None
+
+    @property
+    def began_ns(self) -> int:
+        """When it began, session time: as it was heard, or else as it was asked for."""
+        heard = None if self.delivered is None else self.delivered.onset_ns
+        return self.onset_ns if heard is None else heard
+
+
+class Presentation(Outcome):
+    """What a trial presents, one stimulus after the other, set off by an `experimenter`, `participant` or `clock`."""
+
+    kind: Literal["presentation"] = "presentation"
+    intervals: tuple[Interval, ...]
+    set_off: Literal["experimenter", "participant", "clock"]
+
+    @property
+    def felt_s(self) -> tuple[float, ...]:
+        return tuple(one.stimulus.lasts_s for one in self.intervals)
+
+
+class CutShort(Outcome):
+    """A presentation that ended early, for a `reason`; the last of its `intervals` may have been cut off.
+
+    Without any nothing was felt, and the same attempt is made again; otherwise the trial moves to the end of its block.
+    """
+
+    asks = False
+
+    kind: Literal["cut-short"] = "cut-short"
+    intervals: tuple[Interval, ...]
+    reason: str
+
+    @property
+    def felt_s(self) -> tuple[float, ...]:
+        return tuple(one.stimulus.lasts_s for one in self.intervals)
+
+    @property
+    def put_off(self) -> bool:
+        return bool(self.intervals)
+
+
+def all_delivered(intervals: Sequence[Interval]) -> bool | None:
+    """Return whether all stimuli were delivered; None where nothing measured them."""
+    heard = [one.delivered.delivered for one in intervals if one.delivered is not None]
+    return all(heard) if heard else None
+
+
+def _shown(intervals: Sequence[Interval]) -> str:
+    return "; ".join(f"{one.material}: {_one(one)}" for one in intervals)
+
+
+def _one(interval: Interval) -> str:
+    heard = interval.delivered
+    said = played_line(interval.stimulus, None)
+    if heard is None:
+        return said
+    said = said.removesuffix("; delivery was not measured")
+    off = "no onset was measured"
+    if heard.onset_error_ms is not None:
+        off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
+    return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
+
+
+def _presented(entry: Presentation) -> str:
+    by = "the clock" if entry.set_off == "clock" else f"the {entry.set_off}"
+    return f"{entry.label}: set off by {by}; {_shown(entry.intervals)}"
+
+
+def _cut_short(entry: CutShort) -> str:
+    again = "put off to the end of the block" if entry.put_off else "made ready again"
+    felt = f"; {_shown(entry.intervals)}" if entry.intervals else ""
+    return f"{entry.label}: cut short, {again}: {entry.reason}{felt}"
+
+
+LINES: Lines = {Presentation: _presented, CutShort: _cut_short}

@@ -1,0 +1,1 @@
+"""A simulated participant who feels what is presented."""

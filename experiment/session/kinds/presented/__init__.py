@@ -1,0 +1,1 @@
+"""Presented stimuli, a kind of trial: somebody or the clock sets them off, and no tracker follows anybody."""

@@ -1,0 +1,59 @@
+"""What a protocol of presented stimuli may say."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Any
+
+import pytest
+
+from palpate.experiment.protocol.files import ProtocolFile, load, shipped
+from palpate.experiment.protocol.kinds.presented import Presented
+from palpate.experiment.settings.load import find
+from tests.experiment.protocol.small import changed, with_tuples
+
+
+def study() -> Any:
+    """The shipped study as tables with arrays as tuples."""
+    return with_tuples(tomllib.loads(shipped("presented.toml").read_text("utf-8")))
+
+
+def test_the_shipped_study_declares_a_stimulus_for_each_material() -> None:
+    protocol = load(shipped("presented.toml"))
+    table = protocol.table(Presented)
+    assert [table.stimulus(one.id).lasts_s for one in protocol.materials] == [0.5] * 4
+    assert protocol.gate is None
+
+
+FIRST, THIRD = ("presented", "stimuli", 0), ("presented", "stimuli", 2)
+PART, NOISE = "presented.stimuli[0].parts[0]", "presented.stimuli[2].parts[0].noise"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "field"),
+    [
+        (("tasks", 0, "stimulus"), "real", "tasks[0].stimulus"),
+        ((*FIRST, "material"), "hum", "presented.stimuli[0].material"),
+        (
+            (*FIRST, "parts", 0, "sinusoid", "amplitude_m_s2"),
+            15.5,
+            f"{PART}.sinusoid.amplitude_m_s2",
+        ),
+        ((*FIRST, "parts", 0, "ramp_s"), 0.3, f"{PART}.ramp_s"),
+        ((*FIRST, "parts", 0, "silence"), {"lasts_s": 1.0}, f"{PART}.silence"),
+        (
+            (*THIRD, "parts", 0, "noise", "high_hz"),
+            40.0,
+            f"{NOISE}.high_hz",
+        ),
+        (("exclusion", 0, "when"), "frames-lost", "exclusion[0].when"),
+    ],
+)
+def test_what_it_may_not_say(path: tuple[str | int, ...], value: object, field: str) -> None:
+    assert field in {one.field for one in find(ProtocolFile, changed(study(), path, value), {})}
+
+
+def test_a_pause_is_stated_where_a_trial_presents_several() -> None:
+    paired = changed(study(), ("tasks", 0, "design"), "comparison")
+    assert "presented.pause_s" in {one.field for one in find(ProtocolFile, paired, {})}
+    assert "presented.pause_s" not in {one.field for one in find(ProtocolFile, study(), {})}
