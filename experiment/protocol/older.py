@@ -76,7 +76,7 @@ def restore(document: dict[str, Any]) -> None:
     for material in document["materials"]:
         material |= {key: rings.get(material["id"], {}).get(key) for key in RINGS}
     for task in document["tasks"]:
-        task["kind"] = kinds[task["kind"]]
+        task["kind"] = kinds.get(task["kind"], task["kind"])
     if document["comparison"] is not None:
         virtual = {key: value for key, value in tapping.items() if key not in LATER} if tapping else None
         document["comparison"]["virtual"] = virtual

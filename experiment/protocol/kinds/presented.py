@@ -216,10 +216,6 @@ class Presented(KindTable):
     left_out_max: Annotated[float, Field(gt=0, le=1)] | None = None
     stimuli: Annotated[tuple[PresentedStimulus, ...], Field(min_length=1)]
 
-    def stimulus(self, material: str) -> PresentedStimulus:
-        """Return what is played for a material."""
-        return next(one for one in self.stimuli if one.material == material)
-
 
 def _rules(table: Table) -> Iterator[Broken]:
     """The kind `presented` needs `[presented]`, with a stimulus for each material and `pause_s` for several in a trial.

@@ -73,15 +73,17 @@ def _part(part: Part) -> str:
 
 
 def _felt(protocol: Protocol, task: Task) -> str:
-    table = protocol.table(Presented)
-    presented = protocol.presentations(task)
-    once_s = sum(table.stimulus(material).lasts_s for one in presented for material in one)
+    lasts_s = {one.material: one.lasts_s for one in protocol.table(Presented).stimuli}
+    once_s = sum(lasts_s.get(material, 0.0) for one in protocol.presentations(task) for material in one)
     total_s = number(round(task.repetitions * once_s, 1))
     return f"In task {task.id} stimuli last {total_s} s in all at most, if no trial is repeated."
 
 
 WORDS = KindWords(
-    sources={"virtual": "virtual: vibrations that the protocol declares"},
+    sources={
+        "virtual": "virtual: vibrations that the protocol declares",
+        "real": "real: objects, which no trial of this kind presents",
+    },
     recorded=lambda _: "when each stimulus began, ",
     stimuli=_stimuli,
     felt=_felt,

@@ -20,8 +20,8 @@ def study() -> Any:
 
 def test_the_shipped_study_declares_a_stimulus_for_each_material() -> None:
     protocol = load(shipped("presented.toml"))
-    table = protocol.table(Presented)
-    assert [table.stimulus(one.id).lasts_s for one in protocol.materials] == [0.5] * 4
+    declared = protocol.table(Presented).stimuli
+    assert [(one.material, one.lasts_s) for one in declared] == [(one.id, 0.5) for one in protocol.materials]
     assert protocol.gate is None
 
 

@@ -1,0 +1,50 @@
+"""A small valid protocol of presented stimuli that has every key of its table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.models import Protocol
+from tests.experiment.protocol.small import document
+
+WAVES: tuple[dict[str, Any], ...] = (
+    {"sinusoid": {"frequency_hz": 60.0, "amplitude_m_s2": 3.0, "lasts_s": 0.25}, "ramp_s": 0.02},
+    {"decaying": {"frequency_hz": 90.0, "amplitude_m_s2": 4.0, "decay_per_s": 30.0, "lasts_s": 0.25}},
+    {"noise": {"low_hz": 40.0, "high_hz": 300.0, "rms_m_s2": 0.5, "seed": 7, "lasts_s": 0.25}},
+    {"sweep": {"from_hz": 30.0, "to_hz": 240.0, "amplitude_m_s2": 2.0, "by": "octaves", "lasts_s": 0.5}},
+    {"pulses": {"every_s": 0.125, "cycle_hz": 100.0, "amplitude_m_s2": 1.5, "lasts_s": 0.5}},
+    {"silence": {"lasts_s": 0.125}},
+)
+
+
+def presenting(*, repetitions: int = 2, set_off: str = "experimenter") -> dict[str, Any]:
+    """The materials of the small study with a stimulus each, the first a sinusoid and the others of all waves, as tables with tuples."""
+    study = document()
+    del study["footstep"]
+    names = [one["id"] for one in study["materials"]]
+    parts = [WAVES[:1], *(WAVES for _ in names[1:])]
+    stimuli = tuple({"material": name, "parts": own} for name, own in zip(names, parts, strict=True))
+    study["format"] = 7
+    study["presented"] = {
+        "set_off": set_off,
+        "gap_s": 0.5,
+        "pause_s": 0.75,
+        "left_out_max": 0.5,
+        "stimuli": stimuli,
+    }
+    task = study["tasks"][0]
+    study["tasks"] = ({**task, "kind": "presented", "repetitions": repetitions, "order": {"kind": "blocked-random"}},)
+    study["study"] = {**study["study"], "participants": task["participants"]}
+    kept = ("undelivered", "withdrawn")
+    study["exclusion"] = tuple(rule for rule in study["exclusion"] if rule["when"] in kept)
+    study["analysis"] = tuple(one for one in study["analysis"] if one["tasks"] == (task["id"],))
+    return study
+
+
+def protocol(**how: Any) -> Protocol:
+    """The protocol of `presenting`."""
+    return ProtocolFile.model_validate(presenting(**how))
+
+
+STUDIES: tuple[Protocol, ...] = (protocol(),)
