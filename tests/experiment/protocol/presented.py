@@ -19,7 +19,7 @@ WAVES: tuple[dict[str, Any], ...] = (
 
 
 def presenting(*, repetitions: int = 2, set_off: str = "experimenter") -> dict[str, Any]:
-    """The materials of the small study with a stimulus each, the first a sinusoid and the others of all waves, as tables with tuples."""
+    """The small study with a stimulus for each material: first a sinusoid, then all waves; arrays are tuples."""
     study = document()
     del study["footstep"]
     names = [one["id"] for one in study["materials"]]
