@@ -109,7 +109,8 @@ def read(root: Path) -> Study:
         label=str(facts["Label"]), materials=materials, tasks=done, participants=tuple(withdrawn),
         first_tasks=first_tasks, session_ids=session_ids, attempts=attempts, exclusions=exclusions, unasked=unasked,
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
-        parts=(Part(root.resolve().name, tuple(withdrawn), names, protocol, sealed, _anchors(root), versions),),
+        parts=(Part(root.resolve().name, tuple(withdrawn), names, protocol, sealed, _anchors(root), versions,
+                    tuple(facts.get("Incidents", ()))),),
         designs=asked,
     )  # fmt: skip
 
@@ -197,6 +198,9 @@ def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
     tasks = facts["Tasks"]
     if not (isinstance(tasks, list) and all(isinstance(task, str) for task in tasks)):
         raise DatasetError(path, f"Tasks is {tasks!r}", "correct it", allowed="a list of task ids")
+    incidents = facts.get("Incidents", [])
+    if not (isinstance(incidents, list) and all(isinstance(one, str) for one in incidents)):
+        raise DatasetError(path, f"Incidents is {incidents!r:.60}", "make the tables again", allowed="a list of texts")
     return facts
 
 

@@ -195,6 +195,7 @@ class Part:
 
     `anchors` are the days and numbers of those in its log, as they stand in a lab book, oldest first. `protocol` is the
     version in force; `versions` has it and those before it, oldest first, where a board approved more than one.
+    `incidents` are its adverse events and deviations, in words.
     """
 
     name: str
@@ -204,6 +205,7 @@ class Part:
     sealed: str = "no seal stands beside it"
     anchors: tuple[str, ...] = ()
     versions: tuple[Version, ...] = ()
+    incidents: tuple[str, ...] = ()
 
     def plan(self, participant: str, task: str) -> Protocol | None:
         """Return the version of the protocol under which a participant did a task."""
@@ -293,8 +295,9 @@ def check_chances(parts: Sequence[Part], materials: int) -> None:
 
 
 def sentences(study: Study) -> tuple[str, ...]:
-    """Return sentences on how the parts differ, and on who did fewer trials than planned."""
-    return (*_differences(study), *_incomplete(study))
+    """Return sentences on how the parts differ, on who did fewer trials than planned, and on what went wrong."""
+    incidents = [one for part in study.parts for one in part.incidents]
+    return (*_differences(study), *_incomplete(study), *incidents)
 
 
 def _chance(part: Part, task: str, materials: int) -> Fraction:

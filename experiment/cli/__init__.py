@@ -30,6 +30,7 @@ COMMANDS = {
     "Run sessions": {
         "enrol": ("laboratory", "Enrol the next participant of a study."),
         "amend": ("amendment", "Record an amendment, a renewal or a suspension of a study, or its end."),
+        "incident": ("amendment", "Record an adverse event or a deviation from the protocol."),
         "consent": ("laboratory", "Record the consent of an enrolled participant."),
         "person": ("laboratory", "Ask for a participant's name, and store it outside of every dataset."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),

@@ -1,14 +1,17 @@
-"""The command that records what a board decided while a study runs."""
+"""The commands that record what a board decided while a study runs, and what it has to be told."""
 
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import ProtocolFile, StudyFolder, a_day
 from palpate.experiment.errors import PalpateError, RosterError
+
+if TYPE_CHECKING:
+    from palpate.experiment.study.lines import IncidentKind
 
 commands = options.room()
 
@@ -106,20 +109,22 @@ def _show(protocol_file: Path, root: Path, page_file: Path | None) -> bool:
     from palpate.experiment.protocol.page import changes
     from palpate.experiment.study import amendment
 
-    root, _, known = amendment.known_approvals(protocol_file, root)
+    root, roster, known = amendment.known_approvals(protocol_file, root)
+    incidents = [one.sentence for one in roster.incidents]
     old, new = amendment.latest(root, known), files.load(protocol_file)
     renewed = known.version_of(approval.sha256(new))
     if page_file is not None:
         if page_file.suffix != ".html":
             raise PalpateError(f"got the file {page_file}", allowed="a name that ends in .html")
         shown = new if renewed else old
-        options.put_file(page_file, changes.html(shown, new).encode())
+        options.put_file(page_file, changes.html(shown, new, incidents).encode())
     if renewed is None:
         typer.echo(changes.text(old, new))
     elif renewed == known.version_on(date.max):
         typer.echo("A renewal: no field of the protocol changes.")
     else:
         typer.echo(f"A renewal of the version of approval {renewed}, for those alone who go on under it.")
+    typer.echo("\n".join(["Adverse events and deviations:", *(incidents or ["none on record"])]))
     return renewed is not None
 
 
@@ -129,6 +134,83 @@ def _tell_consent(protocol_file: Path, root: Path, on: date) -> None:
     _, roster, known = amendment.known_approvals(protocol_file, root)
     if who := amendment.to_reconsent(root, known, roster, on):
         typer.echo(f"Must consent again before their next session: {', '.join(who)} (palpate consent)")
+
+
+@commands.command(epilog="Example: palpate incident study.toml --adverse 'a fall' --done 'the session was ended' -p 03")
+def incident(
+    protocol_file: ProtocolFile,
+    adverse: Annotated[str | None, typer.Option("--adverse", help="What happened: an adverse event.")] = None,
+    deviation: Annotated[
+        str | None, typer.Option("--deviation", help="What happened: a deviation from the protocol.")
+    ] = None,
+    done: Annotated[str | None, typer.Option("--done", help="What was done.")] = None,
+    on: Annotated[date | None, _day("--on", "The day on which it happened [default: today].")] = None,
+    informed_on: Annotated[date | None, _day("--informed-on", "The day on which the board was informed.")] = None,
+    number: Annotated[
+        int | None, typer.Option("--number", min=1, help="An incident on record, of which the board was informed now.")
+    ] = None,
+    participant: Annotated[
+        str | None,
+        typer.Option("--participant", "-p", help="Whose latest session gets a note; the incident itself names nobody."),
+    ] = None,
+    dataset: StudyFolder = None,
+) -> None:
+    """Record an adverse event or a deviation from the protocol.
+
+    Without options, all are listed. Each is one line of the roster, which nothing deletes: what happened and when, what
+    was done, and when the board was informed. It names nobody. With --participant the journal of their latest session
+    notes its number, and goes with their data. During a session the console does the same. `palpate status`, `palpate
+    amend` and the report list all.
+    """
+    from palpate.experiment import storage
+    from palpate.experiment.dataset import build, checks
+    from palpate.experiment.protocol import files
+    from palpate.experiment.study import enrolment
+    from palpate.experiment.study.people import incidents
+    from palpate.experiment.study.roster import Roster
+
+    root = enrolment.study_begun(protocol_file, dataset)
+    checks.check_roster(root)
+    told = [what for what in (adverse, deviation) if what is not None]
+    given = (len(told), done is not None, number is not None, informed_on is not None)
+    if given == (0, False, False, False):
+        known = Roster.load(storage.roster_path(root)).incidents
+        typer.echo("\n".join(one.sentence for one in known) or "Nothing is on record.")
+        return
+    if number is not None and informed_on is not None and given[:2] == (0, False):
+        typer.echo(incidents.inform(root, number, informed_on).sentence)
+    elif len(told) == 1 and done is not None and number is None:
+        if participant is not None:
+            Roster.load(storage.roster_path(root)).check_enrolled(participant)
+        kind: IncidentKind = "adverse event" if adverse is not None else "deviation"
+        protocol = files.load(protocol_file)
+        made = incidents.report(protocol, root, kind, what=told[0], done=done, happened_on=on, informed_on=informed_on)
+        typer.echo(made.sentence)
+        if participant is not None:
+            _note_incident(root, protocol_file, participant, f"{made.kind.capitalize()} {made.number} of the roster.")
+    else:
+        what = "give --adverse or --deviation with --done, or --number with --informed-on, or none of them"
+        raise RosterError(what)
+    if storage.journals(root):
+        build.build(root)
+    _tell_anchor(root)
+
+
+def _note_incident(root: Path, protocol_file: Path, participant: str, text: str) -> None:
+    """Put a note into the journal of somebody's latest session."""
+    from palpate.experiment import storage
+    from palpate.experiment.clock import MonotonicClock
+    from palpate.experiment.desk.messages import TakeNote
+    from palpate.experiment.protocol import files
+    from palpate.experiment.session import remarks
+    from palpate.experiment.study import enrolment, roster, schedule
+
+    takes = roster.Roster.load(storage.roster_path(root)).takes
+    allocated = schedule.allocated(files.load(protocol_file), enrolment.seed_of(root), takes)
+    tasks = schedule.find_allocation(allocated, participant).tasks
+    session = remarks.paused(root, participant, tasks[:-1], tasks[-1], MonotonicClock())
+    told = session.remark(TakeNote(text=text)) if session is not None else (False, "")
+    typer.echo("The journal of their latest session notes it." if told[0] else "No session of theirs can take a note.")
 
 
 def _tell_anchor(root: Path) -> None:

@@ -47,6 +47,7 @@ class DatasetText:
     `study` is an id, `tasks` are in the order of the tables, `origin` produced the rows, and `readme` follows title and
     label. `ordered`: whether trial numbers are the order of the trials; None says nothing. `versions` are those
     of an amended protocol, oldest first, each with its file and its sessions. `approvals` are a board's, in words.
+    `incidents` are adverse events and deviations, in words.
     """
 
     study: str
@@ -61,6 +62,7 @@ class DatasetText:
     ordered: bool | None = None
     versions: tuple[Mapping[str, object], ...] = ()
     approvals: tuple[str, ...] = ()
+    incidents: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,7 @@ def description(root: Path, text: DatasetText) -> Files:
         "Tasks": list(text.tasks),
         **({} if text.ordered is None else {"Ordered": text.ordered}),
         **({"Versions": list(text.versions)} if text.versions else {}),
+        **({"Incidents": list(text.incidents)} if text.incidents else {}),
     }
     content: dict[str, object] = {
         "Name": name,

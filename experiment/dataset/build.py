@@ -121,6 +121,7 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         software=software.this(),
         versions=tuple(_versions(dataset)),
         approvals=tuple(_approvals(dataset)),
+        incidents=tuple(one.sentence for one in dataset.people.incidents),
     )
     return bids.participants(root, people, origin=origin) | bids.description(root, text)
 

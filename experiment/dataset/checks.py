@@ -192,11 +192,11 @@ def anchor(root: Path) -> Anchor:
 
 
 def seals(root: Path) -> tuple[str, ...]:
-    """Return the hash of the file of each seal of a dataset, oldest first; none where there is none."""
-    found, number = [], 1
+    """Return the hashes of the file of each seal of a dataset, in both forms, oldest first; none without a seal."""
+    found, number = list[str](), 1
     while number == 1 or storage.protocol_path(root, number).exists():
         path = approval.seal_path(storage.protocol_path(root, number))
-        found += [approvals.seal_sha256(storage.protocol_path(root, number))] if path.exists() else []
+        found += approvals.seal_forms(storage.protocol_path(root, number)) if path.exists() else ()
         number += 1
     return tuple(found)
 

@@ -21,6 +21,7 @@ from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.study import amendment, enrolment, privacy
+from palpate.experiment.study.lines import Incident
 
 COLUMNS = 80
 """Width of the screen, characters."""
@@ -84,7 +85,7 @@ class Status:
     `people` are those enrolled, in a rehearsal all. `seal` is the approval. `excluded` gives a reason for each finished
     participant whom the rules exclude; None if unknown. `doubts` question the evidence, `reminders` need action.
     `to_enrol` is the next label. `revealed` gives the days of `palpate schedule --reveal`, `keep_until` the last day on
-    which the data of each may be kept, where the protocol limits it.
+    which the data of each may be kept, where the protocol limits it. `incidents` are adverse events and deviations.
     """
 
     root: Path
@@ -102,6 +103,7 @@ class Status:
     reminders: tuple[Finding, ...]
     excluded: Mapping[str, str] | None = field(default_factory=dict)
     keep_until: Mapping[str, date] = field(default_factory=dict)
+    incidents: tuple[Incident, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -165,6 +167,7 @@ class Status:
                 {"tasks": order, **{column.replace(" ", "_"): counts[column] for column in TABLE}}
                 for order, counts in self.orders().items()
             ],
+            "incidents": [one.model_dump(mode="json") for one in self.incidents],
             "doubts": [one.sentence(self.root) for one in self.doubts],
             "reminders": [one.sentence(self.root) for one in self.reminders],
         }
@@ -193,6 +196,7 @@ class Status:
                 *_listed("Revealed before a session:", [f"{who}, on {day}." for who, day in self.revealed.items()]),
                 *_listed("Under way:", [one.standing for one in under_way]),
                 *_listed("Next:", come),
+                *_listed("Adverse events and deviations:", [one.sentence for one in reversed(self.incidents)]),
                 *_listed("AGAINST THE EVIDENCE (palpate verify tells more):", self.doubts, self.root),
                 *_listed("To do:", self.reminders, self.root),
             ]
@@ -311,6 +315,7 @@ def status(given: Path, today: date) -> Status:
             *_due(root, keep_until, today),
         ),
         keep_until=keep_until,
+        incidents=tuple(known.incidents if known else ()),
     )
 
 

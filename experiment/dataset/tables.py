@@ -124,7 +124,19 @@ def lost_traces(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _of_study(dataset: Dataset) -> list[Finding]:
-    """Return each file of all participants that the journals do not give, with or without those under way."""
+    """Return each file of all participants that the journals do not give, with or without those under way.
+
+    The files of a session in which, or after which, an incident was told have it once they are made again.
+    """
+    unlike = _of_study_as_known(dataset)
+    for count in range(len(dataset.people.incidents)) if unlike and dataset.roster else ():
+        then = replace(dataset.people, incidents=dataset.people.incidents[:count])
+        if not _of_study_as_known(replace(dataset, roster=then)):
+            return []
+    return unlike
+
+
+def _of_study_as_known(dataset: Dataset) -> list[Finding]:
     root, under_way = dataset.root, dataset.under_way
     unlike = _differing(root, build.study_files(root, dataset))
     if unlike and under_way:

@@ -13,7 +13,7 @@ from operator import ne
 from pathlib import Path
 from typing import Literal
 
-from palpate.experiment import storage
+from palpate.experiment import clock, storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import accidents, build, checks, register, tables
 from palpate.experiment.dataset.checks import Dataset, Sessions
@@ -23,9 +23,9 @@ from palpate.experiment.errors import DatasetError, Finding, OtherFormat, Palpat
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.blocks import count
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Header, Outcome, Purpose
+from palpate.experiment.records.entries import Header, Outcome, Purpose, Resumed
 from palpate.experiment.records.progress import progress
-from palpate.experiment.study import enrolment
+from palpate.experiment.study import approvals, enrolment
 from palpate.experiment.study.approvals import Approvals
 from palpate.experiment.study.roster import Roster
 
@@ -114,7 +114,7 @@ def verify(
     already = {(one.where, one.clause()) for one in findings}
     findings += _together(root, already, evidence, refused) if checks.has_journals(root) else _tables_alone(root)
     findings = list(_cut_short(findings, _unfinished(root, people)))
-    findings += _leftovers(root)
+    findings += _leftovers(root, people)
     if (root / "derivatives").exists():
         again = Remedy("to trust a result there, make it again", ("palpate", "analyse", str(root)))
         findings.append(Finding("was not compared", "derivatives", remedy=again, verdict="unknown"))
@@ -195,8 +195,9 @@ def _sealed(held: Dataset, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     for one in known.approved:
         if one.seal_sha256 is None:
             continue
-        seal = approval.read(storage.protocol_path(held.root, one.number))
-        verdict: Verdict = "passes" if one.seal_sha256 in anchored else "unknown"
+        file = storage.protocol_path(held.root, one.number)
+        seal = approval.read(file)
+        verdict: Verdict = "unknown" if anchored.isdisjoint(approvals.seal_forms(file)) else "passes"
         which = "" if one.number == 1 else f" {one.number}"
         yield Finding("is of the protocol", f"seal{which}", verdict="passes")
         yield Finding(f"from {seal.approved_on} to {seal.expires_on}", f"approval{which}", verdict=verdict)
@@ -206,7 +207,10 @@ def _sealed(held: Dataset, evidence: Sequence[Evidence]) -> Iterator[Finding]:
 
 
 def _without_approval(held: Dataset, known: Approvals) -> Iterator[Finding]:
-    """Yield each session on a day without approval, by all lines of the roster, or in a journal that names no seal."""
+    """Yield each session on a day without approval, by all lines of the roster, or in a journal that names no seal.
+
+    A session that went on another day did so under any approval of its version.
+    """
     for path, header in held.sessions:
         on, where = date.fromisoformat(header.started_utc[:10]), path.relative_to(held.root).as_posix()
         one = known.approved[known.number_of(header.seal_sha256) - 1]
@@ -220,6 +224,24 @@ def _without_approval(held: Dataset, known: Approvals) -> Iterator[Finding]:
         if (stop := stops[0]) is not None and all(stops) and backdated:
             text = f"began on {on}, and the study was {stop.kind} from {stop.from_on} on, as was recorded later"
             yield Finding(text, where, verdict="warns")
+        version = [other for other in known.approved if known.version(other.number) == known.version(one.number)]
+        for day in _resumed_on(path):
+            text = f"went on on {day}, and no approval of its version was valid then"
+            if not any(other.approved_on <= day + A_DAY and day - A_DAY <= other.expires_on for other in version):
+                yield Finding(text, where, verdict="warns")
+            halt = known.stop(day)
+            if halt is not None and all(map(known.stop, (day - A_DAY, day + A_DAY))):
+                text = f"went on on {day}, and the study was {halt.kind} from {halt.from_on} on"
+                yield Finding(text, where, verdict="warns")
+
+
+def _resumed_on(path: Path) -> list[date]:
+    """Return the days, in UTC, on which a session went on after a pause."""
+    if b'"kind":"resumed"' not in storage.read_bytes(path):
+        return []
+    lines = journal.read(path, strict=False).lines
+    days = (date.fromisoformat(clock.utc(one.t_ns)[:10]) for one in lines if isinstance(one.entry, Resumed))
+    return list(dict.fromkeys(days))
 
 
 A_DAY = timedelta(days=1)
@@ -332,7 +354,11 @@ def _sha256(path: Path) -> str | None:
         return None
 
 
-def _leftovers(root: Path) -> Iterator[Finding]:
+def _leftovers(root: Path, people: Roster) -> Iterator[Finding]:
+    if (copy := storage.protocol_path(root, len(people.approved) + 2)).exists():
+        text = "is of an amendment that was cut off, which is not on record"
+        remedy = "run palpate amend again, or delete it with its seal"
+        yield Finding(text, copy.relative_to(root).as_posix(), remedy=remedy, verdict="unknown")
     left = sorted(
         path.relative_to(root).as_posix() for path in root.rglob(".*") if storage.TEMPORARY.fullmatch(path.name)
     )

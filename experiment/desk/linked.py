@@ -186,7 +186,7 @@ class LinkedConsole:
         # What was typed and what was shown have entries of their own.
         if session is not None and not (taken and isinstance(deed, messages.Typed | messages.Shown)):
             # The words of a remark stand in its own entry.
-            own = {"do", "text", "reason"} | ({"t_ns"} if isinstance(deed, Choose) else set())
+            own = {"do", "text", "reason", "done"} | ({"t_ns"} if isinstance(deed, Choose) else set())
             facts = deed.model_dump(exclude=own, exclude_none=True)
             command = " ".join([deed.do, *map(str, facts.values())])
             try:
@@ -246,6 +246,9 @@ class LinkedConsole:
             characters.one_line(deed.text)
             about = "" if deed.trial is None else f" on trial {deed.trial}"
             return self._logged(session.remark(deed), f"Note{about}: {deed.text}")
+        if isinstance(deed, messages.TellIncident):
+            characters.one_line(deed.text + deed.done)
+            return self._logged(session.remark(deed), f"{deed.text} Done: {deed.done}")
         if isinstance(deed, messages.Correct | messages.Repeat):
             characters.one_line(deed.reason)
             done = self._repeat(deed, session) if isinstance(deed, messages.Repeat) else session.remark(deed)

@@ -285,6 +285,16 @@ class Repeat(Message):
     reason: str
 
 
+class TellIncident(Message):
+    """An adverse event, or a deviation: what happened today and what was done; `trial` as in a note."""
+
+    do: Literal["incident"] = "incident"
+    sort: Literal["adverse event", "deviation"]
+    text: str
+    done: str
+    trial: int | None = None
+
+
 class Pause(Message):
     """The session pauses as soon as it safely can; after `minutes`, if given, it is told that the break is over."""
 
@@ -313,7 +323,10 @@ class Shown(Message):
     t_ns: int
 
 
-Deed = Annotated[Choose | Write | TakeNote | Correct | Repeat | Pause | Stop | Typed | Shown, Field(discriminator="do")]
+Deed = Annotated[
+    Choose | Write | TakeNote | Correct | Repeat | TellIncident | Pause | Stop | Typed | Shown,
+    Field(discriminator="do"),
+]
 """What a command asks for."""
 
 

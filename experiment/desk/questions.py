@@ -35,7 +35,7 @@ STOPPED = "The participant stopped everything: the session pauses."
 NO_ANSWER = "no answer"
 """What the key stands for that says that the participant said nothing."""
 
-Remark = messages.TakeNote | messages.Correct | messages.Repeat
+Remark = messages.TakeNote | messages.Correct | messages.Repeat | messages.TellIncident
 """What the experimenter may say instead of answering a question."""
 
 

@@ -7,11 +7,11 @@ import re
 import sys
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Literal, TextIO
 
 from palpate.experiment.clock import minutes
 from palpate.experiment.desk import questions
-from palpate.experiment.desk.messages import ENTER, ESCAPE, Correct, Repeat, TakeNote
+from palpate.experiment.desk.messages import ENTER, ESCAPE, Correct, Repeat, TakeNote, TellIncident
 from palpate.experiment.desk.questions import Arm, Attended, Question, Remark, Reply
 from palpate.experiment.errors import ScreenGone
 from palpate.experiment.settings import characters
@@ -26,7 +26,7 @@ GONE = "the screen is gone ({})"
 ENDED = "the input ended, and nobody can type"
 
 
-REMARKS = "note TEXT, correct TRIAL KEY REASON, or repeat TRIAL REASON"
+REMARKS = "note TEXT, correct TRIAL KEY REASON, repeat TRIAL REASON, or adverse (or deviation) TEXT; WHAT WAS DONE"
 """What may be typed instead of a key."""
 
 MOST_DIGITS = 6
@@ -191,6 +191,10 @@ class TerminalConsole(_Lines):
             return None
         if word == "note" and text:
             return TakeNote(text=text, trial=trial_now)
+        what, _, done = map(str.strip, text.partition(";"))
+        if word in ("adverse", "deviation") and what and done:
+            sort: Literal["adverse event", "deviation"] = "deviation" if word == "deviation" else "adverse event"
+            return TellIncident(sort=sort, text=what, done=done, trial=trial_now)
         trial, _, rest = text.partition(" ")
         numbered = trial.isdecimal() and len(trial) <= MOST_DIGITS
         if word == "repeat" and numbered and rest.strip():

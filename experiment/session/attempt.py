@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus.ports import Masker, Pedal
@@ -119,13 +120,14 @@ class Attempts:
     masking: Masking | None
     limits: Limits
     ear: Ear | None
+    dataset: Path
 
     def __post_init__(self) -> None:
         header, console, clock = self.log.done.header, self.devices.console, self.devices.clock
         lent = Lent(self.protocol, header, console, clock, self.log, self.limits)
         self.kind = self.devices.kind.begin(lent)
         """The trials of this session."""
-        self.remarks = Remarks(lent, self.kind)
+        self.remarks = Remarks(lent, self.kind, self.dataset)
         """What the experimenter says beside answers."""
         self._answered_ns: int | None = None
         self.outage = ""

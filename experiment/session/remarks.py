@@ -10,17 +10,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.clock import Clock
-from palpate.experiment.desk.messages import RECENT, Correct, Gauges, Lamp, Prompt, Repeat, Standing, TakeNote, Told
+from palpate.experiment.desk.messages import (
+    RECENT,
+    Correct,
+    Gauges,
+    Lamp,
+    Prompt,
+    Repeat,
+    Standing,
+    TakeNote,
+    TellIncident,
+    Told,
+)
 from palpate.experiment.desk.questions import Question, Remark, Report
+from palpate.experiment.errors import RosterError
+from palpate.experiment.protocol import files
 from palpate.experiment.records import entries, journal
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.exposure import SLOW_S, Exposed
 from palpate.experiment.session.kind import Kind, Lent
 from palpate.experiment.settings import characters
-from palpate.experiment.storage import journal_path
+from palpate.experiment.storage import journal_path, protocol_path
 
 if TYPE_CHECKING:
     from palpate.experiment.desk.voice.ear import Ear
+    from palpate.experiment.protocol.models import Protocol
 
 LITTLE_BYTES = 500_000_000
 """Less free space than this on the dataset's disk is told, bytes."""
@@ -37,8 +51,8 @@ CLOSED = "The session has ended; nothing was changed."
 class Remarks:
     """Puts the experimenter's remarks and corrections on record, from any thread; `trial` is None outside of trials."""
 
-    def __init__(self, lent: Lent, kind: Kind) -> None:
-        self.lent, self.kind = lent, kind
+    def __init__(self, lent: Lent, kind: Kind, dataset: Path) -> None:
+        self.lent, self.kind, self._dataset = lent, kind, dataset
         self.trial: int | None = None
         self._lock = threading.Lock()
         self._open = True
@@ -58,6 +72,11 @@ class Remarks:
                     return False, refused
                 self.lent.log.write(entries.Note(trial=remark.trial, text=remark.text))
                 return True, "The note is on disk."
+            if isinstance(remark, TellIncident):
+                note, words = record_incident(self.lent.protocol, self._dataset, self.lent.log.done.header, remark)
+                if note is not None:
+                    self.lent.log.write(note)
+                return note is not None, words
             done = self.lent.log.done
             if isinstance(remark, Repeat) and done.armed is not None and done.armed[0] == remark.trial:
                 self.lent.limits.skip(remark.reason)
@@ -191,9 +210,9 @@ class Attendance:
 class Paused:
     """`Attended` for a paused or complete session: notes follow its footer; no file is held in between."""
 
-    def __init__(self, path: Path, contents: journal.Contents, clock: Clock) -> None:
-        """Tell of the session whose journal at `path` has these contents."""
-        self._path = path
+    def __init__(self, dataset: Path, path: Path, contents: journal.Contents, clock: Clock) -> None:
+        """Tell of the session of a dataset whose journal at `path` has these contents."""
+        self._dataset, self._path = dataset, path
         self._header = contents.header
         self._standing = standing(progress(contents.entries))
         self.clock = clock
@@ -205,6 +224,12 @@ class Paused:
         return self._standing
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
+        if isinstance(remark, TellIncident):
+            protocol = files.load(protocol_path(self._dataset))
+            note, words = record_incident(protocol, self._dataset, self._header, remark)
+            if note is not None and not self._write(note):
+                words += " The journal can take no note of it now."
+            return note is not None, words
         if not isinstance(remark, TakeNote):
             return False, "The session is paused; go on with it, then ask again. Nothing was changed."
         if refused := _no_trial(remark, self._header):
@@ -240,8 +265,29 @@ def paused(dataset: Path, participant: str, tasks: Sequence[str], task_id: str, 
         path = journal_path(dataset, participant, task)
         contents = journal.read_if_begun(path)
         if contents.lines:
-            return Paused(path, contents, clock)
+            return Paused(dataset, path, contents, clock)
     return None
+
+
+def record_incident(
+    protocol: Protocol, dataset: Path, header: entries.Header, told: TellIncident
+) -> tuple[entries.Note | None, str]:
+    """Put an incident into the roster; return the note that leads to it, None if it was refused, and what to reply.
+
+    Practice has no roster, and its note says all.
+    """
+    if header.purpose not in ("STUDY", "PILOT"):
+        text = f"{told.sort.capitalize()}: {told.text} Done: {told.done}"
+        return entries.Note(trial=told.trial, text=text), "It is noted; practice has no roster."
+    from palpate.experiment.study.people import incidents
+
+    try:
+        made = incidents.report(protocol, dataset, told.sort, what=told.text, done=told.done)
+    except RosterError as refused:
+        return None, refused.sentence()
+    text = f"{made.kind} {made.number} of the roster"
+    words = f"It is {text}. Tell of the board with: palpate incident PROTOCOL --number {made.number} --informed-on DAY"
+    return entries.Note(trial=told.trial, text=f"{text[:1].upper()}{text[1:]}."), words
 
 
 def _no_trial(note: TakeNote, header: entries.Header) -> str:

@@ -246,6 +246,7 @@ class _Session:
             masking=self._masking,
             limits=self._exposed,
             ear=self._ear,
+            dataset=self.dataset,
         )
         self._attendance = Attendance(remarks=self._attempts.remarks, exposed=self._exposed, ear=self._ear)
         self._state = State.READY

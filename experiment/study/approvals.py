@@ -17,6 +17,7 @@ from pydantic import Field
 from palpate.experiment import storage
 from palpate.experiment.errors import Remedy, RosterError
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.records import chain
 from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.load import Line
 
@@ -147,13 +148,27 @@ def keep_first(root: Path, file: Path) -> None:
 
 def has_begun(root: Path) -> bool:
     """Return whether a session has begun, or an amendment was recorded: what was approved first stays as it is."""
-    return storage.protocol_path(root, 2).exists() or any(storage.size(path) for path in storage.journals(root))
+    return is_amended(root) or any(storage.size(path) for path in storage.journals(root))
+
+
+def is_amended(root: Path) -> bool:
+    """Return whether the roster has an approval after the first; copies that an interrupted command left are none."""
+    links = chain.read(storage.roster_path(root), RosterError).links
+    return any(link.entry.get("kind") == "approved" for link in links)
 
 
 def seal_sha256(protocol_file: Path) -> str:
     """Return the hash of the file of a protocol's seal, whatever its line ends. Raises `OSError` without one."""
+    return seal_forms(protocol_file)[0]
+
+
+def seal_forms(protocol_file: Path) -> tuple[str, str]:
+    """Return that hash, and the one with CR LF line ends: palpate 0.2.0 anchored a file as it was.
+
+    Raises `OSError` without a seal.
+    """
     data = storage.read_bytes(approval.seal_path(protocol_file)).replace(b"\r\n", b"\n")
-    return hashlib.sha256(data).hexdigest()
+    return hashlib.sha256(data).hexdigest(), hashlib.sha256(data.replace(b"\n", b"\r\n")).hexdigest()
 
 
 def stopped_error(stop: Stopped) -> RosterError:

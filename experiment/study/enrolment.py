@@ -147,7 +147,7 @@ def _read_settled(root: Path) -> Settled:
 
 def approved_on(root: Path, protocol_file: Path) -> date | None:
     """Return the first day of valid consent, from the seal, None without. Raises `ProtocolError` if it is broken."""
-    later = (storage.protocol_path(root, 2),) if storage.protocol_path(root, 2).exists() else ()
+    later = (storage.protocol_path(root, 2),) if approvals.is_amended(root) else ()
     for one in (storage.protocol_path(root), *later, protocol_file):
         if approval.seal_path(one).exists():
             return approval.read(one).approved_on

@@ -26,6 +26,7 @@ from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import VISIBLE, Line
 from palpate.experiment.study.approvals import Approvals, Approved, Stopped
+from palpate.experiment.study.lines import Incident, Informed
 from palpate.experiment.study.schedule import labels, stranger
 
 FORMAT: Literal[2] = 2
@@ -120,7 +121,19 @@ class Revealed(Entry):
 
 
 AnyEntry = Annotated[
-    First | Enrolled | Replacing | Consented | Corrected | Voices | Withdrawn | Erased | Revealed | Approved | Stopped,
+    First
+    | Enrolled
+    | Replacing
+    | Consented
+    | Corrected
+    | Voices
+    | Withdrawn
+    | Erased
+    | Revealed
+    | Approved
+    | Stopped
+    | Incident
+    | Informed,
     Field(discriminator="kind"),
 ]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
@@ -137,7 +150,8 @@ class Roster:
     `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line has it; None in a study
     that began before such lines. `approved` are the approvals after the first, `stopped` what suspended or ended them,
     and `consented` the number of the approval to whose version each participant consented. `consents` has the days of
-    all their consents, as corrected. `now_ns` tells the time of a new line.
+    all their consents, as corrected. `incidents` are adverse events and deviations, which name nobody. `now_ns` tells
+    the time of a new line.
     """
 
     path: Path
@@ -151,6 +165,7 @@ class Roster:
     stopped: list[Stopped] = field(default_factory=list)
     consented: dict[str, int] = field(default_factory=dict)
     consents: dict[str, list[date]] = field(default_factory=dict)
+    incidents: list[Incident] = field(default_factory=list)
     seed_sha256: str | None = None
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
@@ -234,6 +249,14 @@ class Roster:
     def stop(self, stopped: Stopped) -> None:
         """Record that the board suspended the approvals, lifted that, or ended the study. Raises `RosterError`."""
         self._append(Stopped, **stopped.model_dump())
+
+    def report(self, incident: Incident) -> None:
+        """Record an adverse event or a deviation. Raises `RosterError` if its number is not the next one."""
+        self._append(Incident, **incident.model_dump())
+
+    def inform(self, informed: Informed) -> None:
+        """Record that the board was informed of one. Raises `RosterError` if there is none, or it was before."""
+        self._append(Informed, **informed.model_dump())
 
     def approvals(self, first: Approved) -> Approvals:
         """Return all approvals as these lines have them, with the `first`, which has no line."""
@@ -322,12 +345,8 @@ class Roster:
             raise RosterError(self.path, what, remedy) from error
 
     def _apply(self, entry: AnyEntry) -> None:
-        if isinstance(entry, Approved | Stopped):
-            self.check_decision(entry)
-            if isinstance(entry, Approved):
-                self.approved.append(entry)
-            else:
-                self.stopped.append(entry)
+        if isinstance(entry, Approved | Stopped | Incident | Informed):
+            self._apply_to_study(entry)
             return
         participant = entry.participant
         if isinstance(entry, First | Enrolled | Replacing):
@@ -369,6 +388,26 @@ class Roster:
             self.voices[participant] = entry.agreed
             return
         self._apply_consent(entry, known)
+
+    def _apply_to_study(self, entry: Approved | Stopped | Incident | Informed) -> None:
+        if isinstance(entry, Approved | Stopped):
+            self.check_decision(entry)
+        match entry:
+            case Approved():
+                self.approved.append(entry)
+            case Stopped():
+                self.stopped.append(entry)
+            case Incident():
+                if entry.number != len(self.incidents) + 1:
+                    raise RosterError(f"incident {entry.number} is not the next one", remedy="report it again")
+                self.incidents.append(entry)
+            case Informed():
+                known = {one.number: one for one in self.incidents if one.informed_on is None}
+                if entry.number not in known:
+                    what = f"got incident {entry.number}"
+                    raise RosterError(what, allowed="one on record of which the board was not informed yet")
+                told = known[entry.number].model_copy(update={"informed_on": entry.informed_on})
+                self.incidents[entry.number - 1] = told
 
     def _apply_consent(self, entry: Consented | Corrected, known: date | None) -> None:
         participant = entry.participant

@@ -500,6 +500,7 @@ STARTED = (
     ("tap", "fit", "take.wav"),
     ("tap", "contact", "--stiffness", "2500", "--damping", "1", "--mass", "0.1", "--speed", "0.1"),
     ("import-trials", "trials.csv", *TRIALS, "--study", "s", "--out", "out"),
+    ("incident", "study.toml", "--adverse", "a fall", "--done", "ended", "--dataset", "study"),
     ("amend", "study.toml", "--suspended-on", "2020-06-01", "--reason", "letter", "--dataset", "study"),
 )
 """Every command, with arguments with which it runs or refuses; but for `screen`, which waits for its session."""

@@ -29,7 +29,7 @@ PAUSE, LEAVE = "f7", "f9"
 SAME = {"ctrl+c": PAUSE, "ctrl+q": LEAVE}
 """Other keys for the same."""
 
-FORMS = {"f2": "note", "f3": "correct", "f4": "repeat", "f6": "break", "f8": "stop", LEAVE: "leave"}
+FORMS = {"f2": "note", "f3": "correct", "f4": "repeat", "f5": "incident", "f6": "break", "f8": "stop", LEAVE: "leave"}
 
 FIELDS = {"tab": Screen.focus_next, "shift+tab": Screen.focus_previous}
 """Keys that change between a form's fields."""

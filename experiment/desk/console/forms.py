@@ -1,8 +1,21 @@
 """What the experimenter may ask for at any moment beside answering, and which fields have to be filled in for it."""
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
-from palpate.experiment.desk.messages import Asked, Choice, Correct, Deed, Pause, Repeat, Stop, TakeNote, View, Write
+from palpate.experiment.desk.messages import (
+    Asked,
+    Choice,
+    Correct,
+    Deed,
+    Pause,
+    Repeat,
+    Stop,
+    TakeNote,
+    TellIncident,
+    View,
+    Write,
+)
 from palpate.experiment.settings import characters
 
 MOST_MIN = 240.0
@@ -42,7 +55,7 @@ BREAK_MIN = "5"
 
 
 def opened(name: str, view: View) -> Form:
-    """Return the form with this name as it is at first: `note`, `correct`, `repeat`, `break`, `stop` or `leave`."""
+    """Return the form with this name as it is at first: `note`, `correct`, `repeat`, `incident` and so on."""
     trial, kind = view.trial, view.question.kind if view.question is not None else ""
     again = f" Trial {trial}, which waits for its answer, comes again." if kind in ("answer", "confirm") else ""
     answered = str(view.standing.recent[-1].trial) if view.standing.recent else ""
@@ -59,6 +72,11 @@ def opened(name: str, view: View) -> Form:
             under_way = str(trial) if trial is not None else answered
             title = "Have a trial done again at the end of its block. If it was answered, that answer no longer counts."
             form = Form(name, title, "has it done again", (Blank("Trial", under_way), Blank("Reason")))
+        case "incident":
+            title = "Adverse event, or deviation from the protocol. It stays on record for ever, and names nobody."
+            blanks = (Blank("a or d"), Blank("Happened"), Blank("Done"))
+            hint = "a: adverse event, d: deviation. What happened; what was done. Use palpate incident for the board."
+            form = Form(name, title, "puts it on record", blanks, hint)
         case "break":
             title = "Pause for a break as soon as nothing can be felt. Its end is told, and nothing begins by itself."
             form = Form(name, title + again, "pauses", (Blank("Minutes", BREAK_MIN),))
@@ -98,6 +116,10 @@ def filled(form: Form, texts: tuple[str, ...]) -> Deed:
     match form.name:
         case "note":
             return TakeNote(text=_some(given, "Note"), trial=form.trial)
+        case "incident":
+            return TellIncident(
+                sort=_sort(given["a or d"]), text=_some(given, "Happened"), done=_some(given, "Done"), trial=form.trial
+            )
         case "correct":
             return Correct(trial=_trial(given), key=_some(given, "Key").lower(), reason=_some(given, "Reason"))
         case "repeat":
@@ -121,6 +143,15 @@ def _some(given: dict[str, str], name: str) -> str:
     if not given[name]:
         raise NotFilledIn(f"{name} is empty. Type one, or press Escape to close this.")
     return given[name]
+
+
+def _sort(typed: str) -> Literal["adverse event", "deviation"]:
+    match typed.lower():
+        case "a":
+            return "adverse event"
+        case "d":
+            return "deviation"
+    raise NotFilledIn(f"{characters.quoted(typed)} is neither. Type a for an adverse event, d for a deviation.")
 
 
 def _trial(given: dict[str, str]) -> int:

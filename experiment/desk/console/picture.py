@@ -17,6 +17,7 @@ COMMANDS = {
     "f2": ("F2", "note"),
     "f3": ("F3", "correct"),
     "f4": ("F4", "repeat"),
+    "f5": ("F5", "event"),
     "f6": ("F6", "break"),
     "f7": ("F7", "pause"),
     "f8": ("F8", "stop"),
@@ -314,6 +315,6 @@ def commands(wide: bool) -> Text:
         if text:
             text.append("    " if wide else " ")
         meta = Style(meta={PRESSES: key})
-        text.append(f" {cap} ", style=Style.parse(f"bold #000000 on {DIM}") + meta)
+        text.append(f" {cap} " if wide else cap, style=Style.parse(f"bold #000000 on {DIM}") + meta)
         text.append(f" {does}", style=Style.parse(PLAIN) + meta)
     return text

@@ -1,6 +1,6 @@
 """The page of an amendment: every field that differs between two versions of a protocol, old and new side by side."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from textwrap import wrap
@@ -50,8 +50,12 @@ def _lines(old: Protocol, new: Protocol) -> Iterator[str]:
             yield f"  {one:{COLUMN - 2}}  |  {other}".rstrip()
 
 
-def html(old: Protocol, new: Protocol) -> str:
-    """Return the page as one file of HTML for a browser and for A4, in which nothing runs or is fetched."""
+def html(old: Protocol, new: Protocol, incidents: Sequence[str] = ()) -> str:
+    """Return the page as one file of HTML for a browser and for A4, in which nothing runs or is fetched.
+
+    Below the changes stand the `incidents` since the study began, in words.
+    """
+    listed = "".join(f"<li>{rendering.html_text(one)}</li>" for one in incidents) or "<li>None is on record.</li>"
     style = Path(__file__).with_name("page.css").read_text("utf-8")
     title = rendering.html_text(f"Changes of the study {new.study.id}")
     rows = "".join(
@@ -68,6 +72,7 @@ def html(old: Protocol, new: Protocol) -> str:
         f"<title>{title}</title><style>\n{style}\n"
         ".changes{border-collapse:collapse;width:100%}.changes td,.changes th{border:1px solid;padding:.3em;"
         "text-align:left;vertical-align:top;width:38%}</style></head>\n"
-        f'<body><main><h1>{title}</h1><table class="changes"><tr><th>Field</th>{heads}</tr>{rows}</table></main>'
+        f'<body><main><h1>{title}</h1><table class="changes"><tr><th>Field</th>{heads}</tr>{rows}</table>'
+        f"<h2>Adverse events and deviations</h2><ul>{listed}</ul></main>"
         "</body></html>\n"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -13,6 +14,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.tracker.frames import Samples, encode
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
+from palpate.experiment.desk.questions import Remark
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
@@ -75,11 +77,12 @@ class MadeStudy:
             admission=Admission(known, approvals.read_first(self.root), None),
         )
 
-    def run(self, asked: Header, keys: str = "capt") -> None:
-        """One session under this header, whatever it says."""
+    def run(self, asked: Header, keys: str = "capt", remarks: Iterable[Remark] = ()) -> None:
+        """One session under this header, whatever it says, with remarks at its end."""
         clock = ManualClock(START_NS)
         steps = [framed(step_samples(600_000 * n, 100.0 * n)) for n in range(1, len(keys) + 1)]
         devices = ScriptedTracker(steps, clock=clock), ScriptedConsole(clock, keys), ScriptedActuator()
+        devices[1].remarks.extend(remarks)
         Bench(*devices, clock, []).run(self.protocol, asked, self.root)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.desk.messages import ENTER, Correct, TakeNote
+from palpate.experiment.desk.messages import ENTER, Correct, TakeNote, TellIncident
 from palpate.experiment.desk.questions import (
     Answered,
     Arm,
@@ -24,7 +24,7 @@ from palpate.experiment.desk.questions import (
     Rest,
     TrialAnswer,
 )
-from palpate.experiment.desk.terminal import TerminalConsole, typed_ahead
+from palpate.experiment.desk.terminal import REMARKS, TerminalConsole, typed_ahead
 from palpate.experiment.errors import ScreenGone
 from tests.approved import Refuses
 
@@ -55,10 +55,18 @@ def test_no_other_key_confirms_and_enter_that_repeats_does_not(typed: str) -> No
     assert one.ask(Confirm("c", "copy paper")).key != ENTER
 
 
+def test_an_event_is_what_happened_and_what_was_done() -> None:
+    one, _, _ = console("adverse Fell.", "adverse Fell.; Sat down.", "deviation The door; closed", "n")
+    asked = TrialAnswer(3, ANSWERS, "n", OTHERS)
+    fell, door = one.ask(asked).remark, one.ask(asked).remark
+    assert fell == TellIncident(sort="adverse event", text="Fell.", done="Sat down.", trial=3)
+    assert door == TellIncident(sort="deviation", text="The door", done="closed", trial=3)
+
+
 def test_a_wrong_key_is_named_and_asked_again() -> None:
     one, screen, _ = console("x", "", "n")
     assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key == "n"
-    told = "is no key; type one of c n, or note TEXT, correct TRIAL KEY REASON, or repeat TRIAL REASON"
+    told = "is no key; type one of c n, or " + REMARKS
     assert screen.getvalue().splitlines() == [f"'x' {told}", f"'' {told}"]
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import random
 import shutil
 import time
+from contextlib import closing
 from datetime import date, datetime, timedelta
 from pathlib import Path
 from zoneinfo import ZoneInfo
@@ -12,11 +14,13 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import build, checks, verify
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset import build, checks, register, verify
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Resumed
 from palpate.experiment.study import amendment, approvals, enrolment, roster
 from palpate.experiment.study.admission import admit
 from palpate.experiment.study.approvals import Approvals, Approved, InProgress, Stopped
@@ -219,6 +223,52 @@ def test_an_interrupted_amendment_is_not_anchored(study: MadeStudy) -> None:
     shutil.copy(study.file, orphan)
     shutil.copy(approval.seal_path(study.file), approval.seal_path(orphan))
     assert checks.anchor(study.root).seal_sha256 == journal.read(study.journal()).header.seal_sha256
+
+
+def test_an_interrupted_amendment_fixes_no_seal_before_the_first_session(tmp_path: Path) -> None:
+    study = make_study(tmp_path / "study", sessions=0)
+    orphan = storage.protocol_path(study.root, 2)
+    shutil.copy(study.file, orphan)
+    shutil.copy(approval.seal_path(study.file), approval.seal_path(orphan))
+    own = study.tasks[0]
+    beside = approval.seal_path(study.file)
+    beside.write_text(beside.read_text("utf-8").replace('"17"', '"18"'), "utf-8")
+    found = admit(study.root, study.file, study.protocol, own, own.tasks[0], "rig.toml", date.today()).approved
+    assert found.seal_sha256 == approvals.seal_sha256(study.file)
+    told = {str(one.where): one.verdict for one in verify.verify(study.root).findings}
+    assert told["sourcedata/protocol-2.toml"] == "unknown"
+
+
+def test_a_seal_with_cr_lf_is_the_one_that_was_anchored_as_it_was(study: MadeStudy) -> None:
+    checks.keep_anchor(study.root)
+    seal, log = approval.seal_path(storage.protocol_path(study.root)), study.root / register.LOG
+    as_made = seal.read_bytes()
+    with_cr = as_made.replace(b"\n", b"\r\n")
+    # palpate 0.2.0 anchored the hash of the file's bytes.
+    old, new = (hashlib.sha256(data).hexdigest() for data in (as_made, with_cr))
+    log.write_text(log.read_text("utf-8").replace(old, new), "utf-8")
+    for data in (with_cr, as_made):
+        seal.write_bytes(data)
+        report = verify.verify(study.root)
+        assert report.refused == 0
+        assert {str(one.where): one.verdict for one in report.findings}["approval"] == "passes"
+    log.write_text(log.read_text("utf-8").replace(new, "0" * 64), "utf-8")
+    assert verify.verify(study.root).refused == 1
+
+
+def test_a_session_that_went_on_without_an_approval_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "time_ns", lambda: START_NS - 600_000_000_000)
+    study = run_once(tmp_path / "study", date(2001, 9, 30))
+    path = study.journal()
+    for days in (1, 40):
+        clock = ManualClock(START_NS + days * 86_400 * 10**9)
+        with closing(journal.Journal(path, clock, journal.read(path))) as opened:
+            opened.append(Resumed(torn="", remaining=()))
+    dataset = checks.load(study.root)
+    assert dataset.approvals is not None
+    (found,) = verify._without_approval(dataset, dataset.approvals)
+    assert found.verdict == "warns"
+    assert "2001-10-19" in found.what
 
 
 def test_nobody_is_enrolled_under_a_suspension(study: MadeStudy) -> None:

@@ -142,13 +142,28 @@ def _write(path: Path, protocol: Protocol, dataset: Path, people: dict[str, Pers
         os.umask(before)
 
 
+def has_name(text: str, names: Iterable[str]) -> bool:
+    """Return whether a text has a part of one of these `names` that is no word of many sentences."""
+    words = {word.casefold() for word in re.findall(r"\w+", text)}
+    parts = {part.casefold() for name in names for part in re.findall(r"\w+", name) if len(part) >= SHORTEST}
+    return bool(words & parts)
+
+
+def check_names(text: str, names: Iterable[str]) -> None:
+    """Raise `RosterError`, without the text, if it has one of these `names`."""
+    if has_name(text, names):
+        raise RosterError(
+            "got the name of a participant",
+            remedy="it stays on record for ever, so say it in other words",
+            allowed="one line that names no person",
+        )
+
+
 def check_reason(reason: str, names: Iterable[str]) -> None:
     """Raise `RosterError`, without the reason, if it has one of these `names` or an English word for health."""
-    words = {word.casefold() for word in re.findall(r"\w+", reason)}
-    parts = {part.casefold() for name in names for part in re.findall(r"\w+", name) if len(part) >= SHORTEST}
     found = HEALTH.search(reason)
     told = f"a word that tells of health, {quoted(found[0])}" if found else "the name of a participant"
-    if found or words & parts:
+    if found or has_name(reason, names):
         raise RosterError(
             "--reason",
             f"got {told}",

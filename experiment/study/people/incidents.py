@@ -1,0 +1,66 @@
+"""Puts adverse events and deviations on record: in the roster, without saying whom they happened to."""
+
+from datetime import date
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from palpate.experiment import storage
+from palpate.experiment.clock import day, wall_ns
+from palpate.experiment.errors import RosterError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings.load import VISIBLE
+from palpate.experiment.study import people
+from palpate.experiment.study.lines import Incident, IncidentKind, Informed
+from palpate.experiment.study.roster import Roster
+
+
+def report(
+    protocol: Protocol,
+    root: Path,
+    kind: IncidentKind,
+    *,
+    what: str,
+    done: str,
+    happened_on: date | None = None,
+    informed_on: date | None = None,
+) -> Incident:
+    """Put an incident on record, on disk when this returns; without a day it happened today.
+
+    Raises `RosterError` for a text that is no line or names a participant, and for a day that is still to come.
+    """
+    roster = Roster.continued(storage.roster_path(root))
+    today = roster.known_day(day(wall_ns()))
+    names = [person.name for person in people.known(protocol, root).values()]
+    for text in (what, done):
+        people.check_names(text, names)
+    try:
+        incident = Incident(
+            kind=kind,
+            number=len(roster.incidents) + 1,
+            happened_on=happened_on or today,
+            what=what,
+            done=done,
+            informed_on=informed_on,
+        )
+    except ValidationError as error:
+        what = "got a text of an incident that cannot go on record"
+        raise RosterError(what, allowed=f"one line of 1 to 400 characters, {VISIBLE}") from error
+    check_days(incident.happened_on, informed_on, today)
+    roster.report(incident)
+    return incident
+
+
+def inform(root: Path, number: int, informed_on: date) -> Incident:
+    """Put on record that the board was informed of an incident, and return that. Raises `RosterError`."""
+    roster = Roster.continued(storage.roster_path(root))
+    roster.inform(Informed(number=number, informed_on=informed_on))
+    return roster.incidents[number - 1]
+
+
+def check_days(happened_on: date, informed_on: date | None, today: date) -> None:
+    """Raise `RosterError` for an incident of a day to come, or one that the board heard of before it happened."""
+    if happened_on > today:
+        raise RosterError(f"got an incident of {happened_on}", allowed=f"up to {today}")
+    if informed_on is not None and not happened_on <= informed_on <= today:
+        raise RosterError(f"got a board that was informed on {informed_on}", allowed=f"{happened_on} to {today}")
