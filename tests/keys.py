@@ -43,30 +43,35 @@ KINDS = {
 """What stands for words of palpate's errors, which the head of the file repeats."""
 
 SHORT = (
-    (r"at least (\S+) and at most (\S+)", r"\1 to \2"),
-    (r"greater than (\S+) and", r"> \1,"),
+    (r"greater than (\S+) and at most ", r">\1,≤"),
+    (r"greater than (\S+) and less than ", r">\1,<"),
+    (r"at least (\S+) and less than ", r"≥\1,<"),
+    (r"at least (\S+) and at most ", r"\1–"),
     ("greater than ", ">"),
-    ("less than ", "<"),
     ("at least ", "≥"),
     ("at most ", "≤"),
-    ("a whole number", "whole"),
-    ("a number ", ""),
-    ("an array, each", "array of"),
-    (r"an array of (.+?), each (.+)", r"array of \2, \1"),
+    ("a whole number ", "int "),
+    ("a number ?", ""),
+    (r"an array of (\S+), each (.+)", r"\2 [\1]"),
+    (r"an array, each (.+)", r"\1 []"),
     ("one of: ", ""),
     ("true or false", "yes/no"),
 )
 
-HEAD = """# Keys
+HEAD = f"""# Keys
 
-Written by `python -m tests.keys`. `?` marks an optional key, `=` a default; units end the names.
+Written by `python -m tests.keys`. `?` marks an optional key, `=` a default, `[≥2]` an array. Units end the names.
+Clean text is {VISIBLE}.
 """
 
 
 def keys() -> str:
     """Return the whole file, in Markdown."""
     files = (("A protocol file", ProtocolFile), ("A rig file", Rig))
-    kinds_of_value = "\\\n".join(f"*{name}*: {words}" for name, words in KINDS.items())
+    kinds_of_value = "\\\n".join(
+        f"*{name}*: {words.replace(f'text {VISIBLE}', 'clean text').replace(VISIBLE, 'clean')}"
+        for name, words in KINDS.items()
+    )
     parts = (f"## {title}\n\n" + "\n\n".join(_tables(model, model, ())) for title, model in files)
     return "\n\n".join([HEAD.rstrip(), kinds_of_value, *parts]) + "\n"
 
@@ -87,8 +92,10 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
             least = next((part.min_length for part in field.metadata if hasattr(part, "min_length")), 0)
             tables.append(f"{_header(place)}{optional}{f' (≥{least})' if least else ''}")
             continue
-        default = "" if field.is_required() or optional else f", =`{json.dumps(field.default)}`"
-        rows.append(f"`{name}`{optional}: {said[name]} ({_shortened(load.field(root, place))}{default})")
+        default = "" if field.is_required() or optional else f"=`{json.dumps(field.default)}`"
+        allowed = _shortened(load.field(root, place))
+        stated = " ".join(part for part in (allowed, default) if part)
+        rows.append(f"`{name}`{optional}: {said[name]}{f' ({stated})' if stated else ''}")
     rows += [f"Tables: {', '.join(tables)}"] if tables else []
     heading = f"### {_header(path)}" if path else "### The top level"
     parts = [heading, summary(model), "\\\n".join(rows)]
@@ -106,13 +113,11 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
 
 
 def _planned_tests() -> Iterator[str]:
-    """Yield a line for each test that a design offers, with what it needs and may have."""
+    """Yield a line for each test that a design offers: the format it came with, and its keys."""
     for design in designs.NAMES:
         for name, test in design_of(design).tests.items():
-            parts = [f"{design}, format {test.since}"]
-            for word, names in (("needs", test.needs), ("may have", test.takes)):
-                parts += [f"{word} {', '.join(f'`{key}`' for key in names)}"] if names else []
-            yield f"*{name}*: {'; '.join(parts)}"
+            named = ", ".join([*(f"`{key}`" for key in test.needs), *(f"`{key}`?" for key in test.takes)])
+            yield f"*{name}* ({design}, {test.since}){f': {named}' if named else ''}"
 
 
 def held(annotation: Any) -> tuple[type[Confined] | None, bool]:

@@ -31,14 +31,14 @@ def _key_rules(table: Any) -> Iterator[Broken]:
 
 
 class ScreenKeys(Confined):
-    """The keys or buttons that the participant has.
+    """The participant's keys.
 
     Attributes:
-        louder: makes the masker louder.
-        softer: makes it softer.
-        probe: plays what the masker is to hide, where the protocol has a probe.
-        done: says that the masker is loud enough.
-        stop: silences everything at once, and pauses the session, at any moment.
+        louder: louder masker.
+        softer: softer masker.
+        probe: plays the probe.
+        done: loud enough.
+        stop: silences everything and pauses, any time.
     """
 
     RULES: ClassVar[Rules] = _key_rules
@@ -51,35 +51,35 @@ class ScreenKeys(Confined):
 
 
 class ScreenWords(Confined):
-    """What the screen says in its own words, in the participant's language. Instructions are the protocol's.
+    """The screen's own words. Instructions are the protocol's.
 
     Attributes:
-        wait: while there is nothing to do.
-        masker: while the participant sets the masker's level.
-        set_for_you: while the experimenter does.
-        louder: what the key does.
-        softer: what the key does.
-        probe: what the key does.
-        tread: added to both, where no probe is played.
-        inaudible: that the level is right.
-        loudest: that it is at its limit.
-        audible: that it does not hide everything even there; the key that makes it louder says it then.
-        rest: while the tracker is zeroed.
+        wait: nothing to do.
+        masker: setting the level.
+        set_for_you: the experimenter sets it.
+        louder: label of the key.
+        softer: label of the key.
+        probe: label of the key.
+        tread: added to both while there is no probe.
+        inaudible: the level is right.
+        loudest: at the limit.
+        audible: not enough even there (louder key).
+        rest: the tracker is zeroed.
         ready: a trial is armed.
-        again: the same, after a step that did not count.
-        answer: the answer is waited for.
-        compare: the same, while two samples are there to be tried.
-        first: added to it while the first of two virtual surfaces can be tapped.
-        second: while the second can.
-        pause: during a break, above the time that is left.
-        pause_over: once that time is over.
-        slow: of the last step, where the protocol has rules about its speed.
-        right: as `slow`; on a lamp that is not lit, where a hand taps.
-        fast: as `slow`; on that lamp, lit.
-        finished: when all trials of a task are answered, while the experimenter writes down what is left.
-        headphones: added to `finished` and `thanks`, where a masker was played.
-        thanks: once the session has ended.
-        gone: while there is no connection with the session.
+        again: armed after a step that did not count.
+        answer: the answer is awaited.
+        compare: same, two samples.
+        first: added while the first virtual surface is there.
+        second: added for the second.
+        pause: break, above the time left.
+        pause_over: break over.
+        slow: the last step, if rules judge its speed.
+        right: as `slow`; of a hand, the lamp unlit.
+        fast: as `slow`; of a hand, the lamp lit.
+        finished: all trials answered.
+        headphones: added to `finished` and `thanks` after a masker.
+        thanks: session ended.
+        gone: no connection.
     """
 
     wait: Line = "Please wait."
@@ -116,14 +116,14 @@ class ScreenWords(Confined):
 
 
 class ScreenRig(Confined):
-    """The participant's screen, a process of its own that `palpate run` starts.
+    """The participant's screen.
 
     Attributes:
-        display: which display of the machine, from 0.
-        fullscreen: whether it covers the whole display.
-        width_px: of a screen that does not.
-        height_px: of a screen that does not.
-        font: a font file (.ttf, .otf, .ttc) that holds every letter of the texts; without it one is searched for.
+        display: number of the display, from 0.
+        fullscreen: covers the display.
+        width_px: width of a window.
+        height_px: height of a window.
+        font: font file (.ttf, .otf, .ttc); else one is searched for.
         keys: the keys that the participant has.
         words: what the screen says.
     """
@@ -143,13 +143,13 @@ class ScreenRig(Confined):
 
 
 class PedalRig(Confined):
-    """The participant's pedal, or button, on a serial line of its own: pressed, it silences everything at once.
+    """The participant's pedal on its own serial line: pressed, it silences everything.
 
     Attributes:
-        port: a device path, or a URL that pyserial opens.
-        baud: the speed of the line, bits a second.
-        tried_on: when it was pressed last, and everything fell silent.
-        tried_days: for how many days that holds.
+        port: device path, or URL for pyserial.
+        baud: bits a second.
+        tried_on: day it was last pressed and silenced everything.
+        tried_days: validity.
     """
 
     port: Line

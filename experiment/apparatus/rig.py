@@ -70,14 +70,13 @@ Days = Annotated[int, Field(ge=1, le=3650)]
 
 
 class ShapingRig(Confined):
-    """How a device that takes volts moves the panel, as measured: frequency shaping (Okamoto et al., equation (7)).
+    """The response of a device in volts (Okamoto et al., equation (7)).
 
     Attributes:
-        response: the measured response, a table as in `apparatus/panel/`, in the folder of the rig file.
-        response_sha256: its hash, so that the rig's own hash names one measurement.
-        full_scale_v: the voltage of a sample of 1.0, and the last limit before the device.
-        gain_limit_v_per_m_s2: no bin of a stimulus takes more: near a null of the response the voltage would grow
-            without bound.
+        response: measured response.
+        response_sha256: its hash.
+        full_scale_v: voltage of a sample of 1.0; the last limit.
+        gain_limit_v_per_m_s2: limit of each bin, near nulls of the response.
     """
 
     response: TableName
@@ -87,23 +86,23 @@ class ShapingRig(Confined):
 
 
 class MeasuredRig(Confined):
-    """The panel, as `palpate calibrate actuator` measured it.
+    """The panel as `palpate calibrate actuator` measured it.
 
     Attributes:
-        response: the complex response to a sample of 1.0, a table in the folder of the rig file.
-        response_sha256: its hash, so that the rig's own hash names one measurement.
-        load: what stood on the panel.
-        full_scale_m_s2: the acceleration of a sample of 1.0, for a small drive: the mean level of the usable band.
-        low_hz: where the usable band begins, in which the response stays within 3 dB of its middle.
-        high_hz: where it ends.
-        resonances_hz: peaks of the response.
-        loudest: the highest sample that was played.
-        check_peak: the highest sample of the multisine that is compared with this before each session.
-        compression_db: by how much less the panel moved then than a small drive has it move, for what it was driven.
-        accelerometer_m_s2: `accelerometer.full_scale_m_s2` in this measurement.
-        accelerometer_calibrated_on: when that was calibrated.
-        calibrated_on: when the panel was measured.
-        calibration_days: for how many days that holds.
+        response: complex response to a sample of 1.0.
+        response_sha256: its hash.
+        load: what was on the panel.
+        full_scale_m_s2: mean of the usable band, small drive.
+        low_hz: start of the usable band (within 3 dB of its middle).
+        high_hz: its end.
+        resonances_hz: peaks.
+        loudest: highest sample played.
+        check_peak: highest sample of the check before each session.
+        compression_db: loss at the loudest.
+        accelerometer_m_s2: `accelerometer.full_scale_m_s2` then.
+        accelerometer_calibrated_on: its calibration.
+        calibrated_on: day.
+        calibration_days: validity.
     """
 
     response: TableName
@@ -123,19 +122,19 @@ class MeasuredRig(Confined):
 
 
 class ActuatorRig(Confined):
-    """What shakes the panel: a raw PCM port of its own, or a channel of the rig's audio device.
+    """What shakes the panel.
 
     Attributes:
-        driver: `pcm-tcp`: a server that takes raw float32 samples; `audio`: a channel of the audio device.
-        address: of the PCM server.
-        rate_hz: its sampling rate.
-        full_scale_m_s2: the acceleration of a sample of 1.0, for a device that takes accelerations.
-        low_hz: the lowest frequency at which such a device was measured to move the panel as it is told.
-        high_hz: the highest; without both, nobody knows what such a device leaves out.
+        driver: server of raw float32 samples, or audio channel.
+        address: of the server.
+        rate_hz: sampling rate.
+        full_scale_m_s2: acceleration of a sample of 1.0, if it takes accelerations.
+        low_hz: lowest measured frequency of such a device.
+        high_hz: highest; without both, losses are unknown.
         shaping: the measured response, for a device that takes volts.
         measured: the panel, as `palpate calibrate actuator` measured it.
-        inverse_ahead_ms: in place of equation (7), stimuli are made by an inverse of the complex response that was
-            measured, which begins so long before the contact that is predicted; without it, by equation (7).
+        inverse_ahead_ms: use the inverse of the complex response instead of equation (7), starting this long before
+            predicted contact.
     """
 
     RULES: ClassVar[Rules] = _actuator_rules
@@ -173,18 +172,17 @@ def _accelerometer_rules(table: Any) -> Iterator[Broken]:
 
 
 class AccelerometerRig(Confined):
-    """What measures the panel: while takes are recorded, and for `palpate calibrate actuator`.
+    """What measures the panel.
 
     Attributes:
-        driver: a server that sends raw float32 samples without end.
-        address: of that server.
-        rate_hz: its sampling rate: that of the protocol's recordings.
-        full_scale_m_s2: the acceleration of a sample of 1.0.
-        trigger_m_s2: a take begins where a magnitude reaches this: above the noise of the panel at rest, below what
-            matters.
-        stays: false if it does not stay on the panel: then no session compares the panel with its measurement, which
-            counts for 30 days at most.
-        calibrated_on: when `full_scale_m_s2` was calibrated; `palpate calibrate actuator` needs it of a real rig.
+        driver: server of raw float32 samples without end.
+        address: its address.
+        rate_hz: that of the protocol's recordings.
+        full_scale_m_s2: acceleration of a sample of 1.0.
+        trigger_m_s2: a take begins here: above the noise at rest.
+        stays: false if it leaves the panel: sessions then do not compare, and the measurement counts for 30 days at
+            most.
+        calibrated_on: of `full_scale_m_s2`; a real rig needs it to calibrate the actuator.
     """
 
     RULES: ClassVar[Rules] = _accelerometer_rules
@@ -230,14 +228,13 @@ def _channel_rules(table: Any) -> Iterator[Broken]:
 
 
 class AudioChannels(Confined):
-    """Which channel of the device is what.
+    """Channels, counted from 1.
 
     Attributes:
-        headphones: outputs that play the masker, at most 8.
-        actuator: the output that plays the stimulus.
-        microphone: the input that hears the participant, where a protocol has answers listened to.
-        loopback: the input that hears what the actuator's amplifier is given: a cable from its output, or a divider
-            behind it.
+        headphones: outputs of the masker, at most 8.
+        actuator: output of the stimulus.
+        microphone: input of the participant's voice.
+        loopback: input of what the actuator's amplifier is given.
     """
 
     RULES: ClassVar[Rules] = _channel_rules
@@ -266,14 +263,12 @@ class AudioChannels(Confined):
 
 
 class HeadphonesRig(Confined):
-    """How loud the headphones are, as measured at the ear.
-
-    Play pink noise at a known lower level, measure, and add how far below full scale it was.
+    """Loudness at the ear: play pink noise, measure, and add how far below full scale it was.
 
     Attributes:
-        full_scale_db_a: the level of pink noise whose rms is full scale (a sample of 1.0).
-        calibrated_on: when it was measured.
-        calibration_days: for how many days the measurement holds.
+        full_scale_db_a: of pink noise with rms at full scale.
+        calibrated_on: day.
+        calibration_days: validity.
     """
 
     full_scale_db_a: Annotated[float, Field(ge=40, le=160)]
@@ -282,16 +277,14 @@ class HeadphonesRig(Confined):
 
 
 class LatencyRig(Confined):
-    """How late the device is, as `palpate calibrate audio` measures it by loopback.
-
-    The sum of both latencies is measured; how it divides is what the driver says.
+    """Delay, as `palpate calibrate audio` measures it. Only the sum is measured; the driver divides it.
 
     Attributes:
-        output_ms: from the stream's taking of a frame until the frame leaves the output.
-        input_ms: from a sound's arrival at an input until it is handed over.
-        loopback_gain: what a sample of 1.0 comes back as.
-        calibrated_on: when it was measured.
-        calibration_days: for how many days the measurement holds.
+        output_ms: from taking a frame to the output.
+        input_ms: from input to delivery.
+        loopback_gain: what a sample of 1.0 returns as.
+        calibrated_on: day.
+        calibration_days: validity.
     """
 
     output_ms: Annotated[float, Field(ge=0, le=1000)]
@@ -302,15 +295,14 @@ class LatencyRig(Confined):
 
 
 class DeliveredRig(Confined):
-    """How far a stimulus heard by loopback may differ from the intended one and still count as delivered.
+    """How far a delivered stimulus may differ from the intended one.
 
     Attributes:
-        onset_ms: early or late, against when it was asked for.
-        contact_ms: early or late, against contact, so that the error of the prediction counts; not asked where it is
-            left out.
+        onset_ms: early or late, from when it was asked for.
+        contact_ms: early or late, from contact.
         gain_db: louder or softer.
-        residual_db: power of what neither delay nor gain explains, relative to the intended waveform; of an intended
-            silence the loudest sample, relative to full scale.
+        residual_db: unexplained power, relative to the waveform; for silence the loudest sample, relative to full
+            scale.
     """
 
     onset_ms: Annotated[float, Field(gt=0, le=100)]
@@ -320,13 +312,13 @@ class DeliveredRig(Confined):
 
 
 class AudioRig(Confined):
-    """The one audio device of a session: masker, stimulus, microphone and loopback on one sample clock.
+    """Masker, stimulus, microphone and loopback on one device and clock.
 
     Attributes:
-        host_api: as `palpate devices` lists it.
-        device: as `palpate devices` lists it.
-        rate_hz: its sampling rate.
-        block: frames of a period; with JACK that of the server.
+        host_api: see `palpate devices`.
+        device: see `palpate devices`.
+        rate_hz: sampling rate.
+        block: frames of a period; with JACK the server's.
         channels: which channel is what.
         headphones: how loud the headphones are.
         latency: how late the device is.
@@ -407,8 +399,8 @@ class Identity(Confined):
     """What the rig is called, and whether it is simulated.
 
     Attributes:
-        name: what the laboratory calls it.
-        simulated: true for rehearsals, false for sessions with participants.
+        name: of the rig.
+        simulated: true for rehearsals, false for participants.
     """
 
     name: Name
@@ -426,11 +418,11 @@ Elsewhere = Annotated[
 
 
 class AnchorsRig(Confined):
-    """Where each session's end is anchored outside of the dataset.
+    """Where sessions' ends are anchored outside the dataset.
 
     Attributes:
-        file: the register, best on another disk or a shared drive.
-        key: the private SSH key that signs each anchor.
+        file: the register, best on another disk or shared drive.
+        key: private SSH key that signs anchors.
     """
 
     file: Elsewhere
@@ -438,13 +430,13 @@ class AnchorsRig(Confined):
 
 
 class StopsRig(Confined):
-    """What stops a device where palpate does not: software is no safety function.
+    """Stops outside palpate: software is no safety function.
 
     Attributes:
-        emergency: what cuts the power of whatever pushes or shakes, and who reaches it.
-        limit: what the amplifier itself cannot exceed, and what limits it.
-        tried_on: when the emergency stop and that limit were tried last.
-        tried_days: for how many days that holds.
+        emergency: what cuts the power, and who reaches it.
+        limit: what the amplifier cannot exceed, and why.
+        tried_on: day both were tried.
+        tried_days: validity.
     """
 
     emergency: Line

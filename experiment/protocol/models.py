@@ -29,10 +29,10 @@ class Study(Confined):
     """What the study is and where it was published.
 
     Attributes:
-        id: names the study, its files and the folder of its dataset.
-        title: what the study is called.
-        source: the publication or plan that the study follows.
-        participants: how many people take part.
+        id: names the study, its files and dataset.
+        title: its name.
+        source: publication or plan it follows.
+        participants: number of people.
     """
 
     id: Label
@@ -42,15 +42,15 @@ class Study(Confined):
 
 
 class Ethics(Confined):
-    """Who approved the study. The fields of a lab's own approval stay empty in a published protocol.
+    """Who approved the study. Leave a lab's own approval empty: the seal has it.
 
     Attributes:
-        board: the board that approves the study.
-        statement: what the board approved, in words.
-        approval_number: of an approval that is older than the file; otherwise empty, for the seal holds it.
-        approved_on: the first day on which the study may run, as `approval_number`.
-        expires_on: the last day on which it may, as `approval_number`.
-        contact: whom participants may turn to.
+        board: ethics board.
+        statement: what it approved.
+        approval_number: of an approval older than the file.
+        approved_on: first day.
+        expires_on: last day.
+        contact: for participants.
     """
 
     RULES: ClassVar[Rules] = rules.ethics
@@ -77,11 +77,10 @@ class Consent(Confined):
     """What participants consent to before the first session.
 
     Attributes:
-        required: whether a participant's consent must be on record before a session.
+        required: whether consent must be on record.
         statement: what participants are told and agree to.
-        voice_recordings: whether the sound of spoken answers is kept, of participants who agree to that.
-        kept_months: how long a participant's data are kept after their last session; `palpate status` tells when they
-            are due to be deleted.
+        voice_recordings: keep the sound of answers, of participants who agree.
+        kept_months: how long data are kept after the last session (`palpate status` warns).
     """
 
     required: bool
@@ -91,7 +90,7 @@ class Consent(Confined):
 
 
 class Duration(Confined):
-    """How long one participant's visit takes, all tasks and breaks included, as participants are told before.
+    """How long a participant's visit takes with breaks, as participants are told.
 
     Attributes:
         shortest_min: a short visit.
@@ -105,14 +104,13 @@ class Duration(Confined):
 
 
 class Exposure(Confined):
-    """Limits that protect the participant; never pruned. A session is one task of one participant.
+    """Limits that protect the participant. A session is one task of one participant.
 
     Attributes:
-        vibration_peak_m_s2: the largest acceleration of the panel, which the limiter holds for any stimulus.
-        masker_level_db_a: the loudest masker at the ear.
-        session_min: the longest session.
-        force_peak_n: the largest force on the hand, which the servo holds for any input; a task with virtual surfaces
-            needs it.
+        vibration_peak_m_s2: largest acceleration of the panel.
+        masker_level_db_a: loudest masker at the ear.
+        session_min: longest session.
+        force_peak_n: largest force on the hand; needed by virtual surfaces.
     """
 
     vibration_peak_m_s2: Annotated[float, Field(gt=0, le=100)]
@@ -122,11 +120,11 @@ class Exposure(Confined):
 
 
 class Probe(Confined):
-    """A stimulus that the panel plays, whenever it is asked for, while the masker's level is chosen.
+    """A stimulus the panel plays on request while the masker is set.
 
     Attributes:
-        material: whose vibration it is; only a task with virtual stimuli plays it.
-        speed_mm_s: the foot's speed that it is made for.
+        material: whose vibration it is; only in virtual tasks.
+        speed_mm_s: of the foot.
     """
 
     material: Name
@@ -134,12 +132,12 @@ class Probe(Confined):
 
 
 class Masker(Confined):
-    """Noise on the headphones that hides the sound of the stimuli.
+    """Noise on the headphones that hides the stimuli's sound.
 
     Attributes:
-        noise: the noise's colour.
-        level_set_by: who sets its level.
-        criterion: what must hold at the level that is chosen.
+        noise: color.
+        level_set_by: who sets the level.
+        criterion: what must be true at the chosen level.
         probe: what can be played meanwhile, so that there is something to hide.
     """
 
@@ -150,14 +148,13 @@ class Masker(Confined):
 
 
 class Material(Confined):
-    """One of the materials a participant tells apart or compares, and, where it is an answer, how that is said and
-    keyed.
+    """A material to identify or compare.
 
     Attributes:
-        id: names the material in orders, journals and tables.
-        key: the experimenter's key for this answer; of the design `identification` alone.
-        spoken: what participants may call it; the first is shown to the experimenter; as `key`.
-        description: what the object is: make, size, weight.
+        id: its name in orders, journals, tables.
+        key: experimenter's key for this answer; only identification.
+        spoken: what participants may call it; the first is shown; only identification.
+        description: make, size, weight.
     """
 
     RULES: ClassVar[Rules] = rules.material
@@ -169,10 +166,10 @@ class Material(Confined):
 
 
 class Step(Confined):
-    """How a foot step is read: the gate, and the contact that ends it. Heights are above the panel.
+    """How a step is read. Heights are above the panel.
 
     Attributes:
-        gate_top_mm: where the measurement of the foot's speed begins.
+        gate_top_mm: where speed measurement begins.
         gate_bottom_mm: where it ends.
         contact_mm: where the foot counts as landed.
     """
@@ -200,9 +197,9 @@ class Familiarisation(Confined):
     """Free handling of the real materials before a task.
 
     Attributes:
-        min_s: the shortest time.
-        max_s: the longest time.
-        instruction: what the participant is told.
+        min_s: shortest.
+        max_s: longest.
+        instruction: for the participant.
     """
 
     RULES: ClassVar[Rules] = rules.familiarisation
@@ -213,12 +210,11 @@ class Familiarisation(Confined):
 
 
 class Order(Confined):
-    """How the trials of a task are put in order.
+    """How a task's trials are ordered.
 
     Attributes:
-        kind: all trials shuffled, each repetition shuffled by itself, or no material more often in a row than
-            `max_run`; the last is not for pairs.
-        max_run: how often one material may come in a row.
+        kind: all shuffled; each repetition shuffled; at most `max_run` of a material in a row (not for pairs).
+        max_run: longest run of a material.
     """
 
     RULES: ClassVar[Rules] = rules.order
@@ -228,17 +224,16 @@ class Order(Confined):
 
 
 class Levels(Confined):
-    """How strong the vibrations of a task are, trial by trial: a level follows from the answers to trials of its track.
+    """How strong vibrations are, trial by trial.
 
-    Each material of an identification is a track of its own, and each two materials of a comparison.
+    Each material of an identification, and each pair of a comparison, has its own track.
 
     Attributes:
-        method: transformed up-down (Levitt 1971): after `down` right answers in a row a track goes one level down,
-            after each wrong one it goes one up.
-        grid: the levels, from the lowest to the highest; every vibration of a trial is multiplied by its level.
-        first: the level at which each track begins.
-        down: how many right answers in a row lower the level; 2 lead to where 70.7 % of answers are right, 3 to 79.4 %.
-        reversals: a track ends after so many changes from up to down or back, or else with its last repetition.
+        method: transformed up-down (Levitt 1971): down after `down` right answers in a row, up after a wrong one.
+        grid: levels, rising; factors of every vibration.
+        first: starting level.
+        down: right answers in a row that lower the level: 2 for 70.7 % right, 3 for 79.4 %.
+        reversals: changes of direction that end a track, unless repetitions end first.
     """
 
     RULES: ClassVar[Rules] = rules.levels
@@ -251,23 +246,22 @@ class Levels(Confined):
 
 
 class Task(Confined):
-    """One task: its kind and design of trial, which stimuli, how often, in which order, for how many participants.
+    """One task.
 
     Attributes:
-        id: names the task in commands, files and tables.
-        title: what the task is called.
-        kind: the kind of trial: what sets a stimulus off, and what plays it.
-        design: what a trial presents and asks: which material it is, or which of two has more of a quality. A file of
-            format 2 or 3 has none: `footstep` stands for identification there, and the kind `comparison` for tapping.
-        stimulus: what the rig makes: synthesised vibration, or rendered surfaces; or real objects that the
-            experimenter lays out.
-        instruction: what the participant is told.
-        participants: how many do this task: those who enrol first.
-        repetitions: how often each material is presented, or each pair of materials, half of these in either order.
+        id: its name in commands, files, tables.
+        title: its name.
+        kind: what triggers and plays a stimulus.
+        design: asks which material it is, or which of two has more of a quality. Formats 2 and 3 have none: `footstep`
+            means identification, `comparison` tapping.
+        stimulus: synthesized or rendered, or real objects laid out.
+        instruction: for the participant.
+        participants: how many do it, those who enroll first.
+        repetitions: of each material, or each pair (half in either order).
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
-        masker: the colour of this task's noise, or none, where it is not that of `[masker]`.
-        materials: the materials that this task presents, in their order, if not all; participants may answer any.
+        masker: this task's noise, if not that of `[masker]`.
+        materials: those presented, in their order, if not all; any may be answered.
         levels: how strong its vibrations are, if not as they are made.
     """
 
@@ -287,11 +281,11 @@ class Task(Confined):
 
 
 class TaskOrder(Confined):
-    """In which order a participant does the tasks, and the break between them.
+    """Order of tasks, and breaks between them.
 
     Attributes:
-        kind: `fixed`: as in the file; `counterbalanced`: each order for as many participants, by permuted blocks.
-        break_min_s: the shortest break between two tasks.
+        kind: `counterbalanced`: each order equally often, by permuted blocks; `fixed`: as in the file.
+        break_min_s: shortest break.
     """
 
     kind: Literal["counterbalanced", "fixed"]
@@ -299,16 +293,15 @@ class TaskOrder(Confined):
 
 
 class Answers(Confined):
-    """How answers are given and logged.
+    """How answers are given.
 
     Attributes:
-        mode: the participant says the answer, and the experimenter keys it.
-        on_screen: the participant's screen, where there is one, shows what may be answered, materials in their order.
-        no_answer_key: the key for a trial without an answer.
-        redo_key: the key that has the trial done again, at the end of its block.
-        pause_key: the key that pauses the session.
-        microphone: whether a microphone listens, which tells when the voice began and proposes the answer; the
-            experimenter's key decides.
+        mode: spoken, and keyed by the experimenter.
+        on_screen: the participant's screen shows the materials.
+        no_answer_key: no answer.
+        redo_key: repeat the trial at the end of its block.
+        pause_key: pause the session.
+        microphone: a microphone times the voice and proposes the answer; the experimenter's key decides.
     """
 
     mode: Literal["oral"]
@@ -320,19 +313,15 @@ class Answers(Confined):
 
 
 class ExclusionRule(Confined):
-    """One rule that leaves out a trial or a participant, and says so.
-
-    A trial that a rule repeats may have been felt, so it comes again at the end of its block.
+    """A rule that leaves out a trial or participant. A repeated trial comes again at the end of its block.
 
     Attributes:
-        id: names the rule in reports.
-        when: frames lost or damaged between arming and contact; the foot's speed; a stimulus that the loopback heard
-            early, late, changed or not at all, by the rig's thresholds, or that the audio stream missed or limited;
-            answered trials in a task; or a participant who withdrew.
-        limit: frames, mm/s or answers, by `when`; the rule holds for `frames-lost` and `speed-above` where there are
-            more, for the others where there are fewer.
-        action: what the rule does.
-        reason: why, as it stands in reports.
+        id: its name in reports.
+        when: frames lost or damaged before contact; foot's speed; stimulus not delivered (by the rig's thresholds);
+            answered trials in a task; withdrawal.
+        limit: frames, mm/s or answers: more for `frames-lost` and `speed-above`, else fewer.
+        action: what happens.
+        reason: as in reports.
     """
 
     RULES: ClassVar[Rules] = rules.exclusion_rule
@@ -345,20 +334,20 @@ class ExclusionRule(Confined):
 
 
 class PlannedTest(Confined):
-    """One test of the planned analysis, by name.
+    """A test of the planned analysis.
 
     Attributes:
-        test: which test, or which scale from comparisons.
-        tasks: the tasks that it is about, by id.
-        question: what it is to answer, and how.
-        chance: the share of right answers of somebody who guesses.
-        form: the form of the intraclass correlation.
-        margin: the difference in shares of right answers, or of a pair told apart, below which they count as the same.
-        alpha: the level of significance.
-        correction: the family of tests over which Holm's method adjusts P: the materials, or their pairs, of a task, or
-            those of all `tasks`, or the pairs of these; without it P is not adjusted, unless of equivalent pairs.
-        materials: those that the test is of; without them it is of all that its tasks present, but a one-way ANOVA,
-            of two, of the pair most confused, and exploratory. A file of format 2 has none.
+        test: test, or scale of comparisons.
+        tasks: ids of its tasks.
+        question: what it answers, and how.
+        chance: right answers of somebody who guesses.
+        form: of the intraclass correlation.
+        margin: difference in shares that counts as the same.
+        alpha: significance level.
+        correction: Holm's family: materials or pairs of a task, tasks, or both; otherwise P is unadjusted, except for
+            equivalent pairs.
+        materials: those tested; else all presented, but for a one-way ANOVA the most confused pair, exploratory. Not in
+            format 2.
     """
 
     RULES: ClassVar[Rules] = rules.planned_test

@@ -99,7 +99,7 @@ def exclusion_rule(table: Table) -> Iterator[Broken]:
 
 
 def planned_test(table: Table) -> Iterator[Broken]:
-    """A test has the fields that it needs or takes, below; `tasks` and `materials` are as many as it compares."""
+    """A test (its design, first format) has the keys below; `tasks` and `materials` are as many as it compares."""
     every, name = designs.plannable_tests(), str(table.get("test"))
     test = every.get(name, PlannableTest())
     for key, what, sizes in (
@@ -120,21 +120,20 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
 
 def protocol(table: Table) -> Iterator[Broken]:
-    """All tasks are of one kind and one design, and the file has the tables of these and not of others.
+    """All tasks have one kind and one design, and the file has only their tables.
 
-    Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`: none looks like
-    another, whatever its case, blanks and alphabet (of names and phrases: nor by accents, 1 or I for l, or 0 for O),
-    and no phrase like the id of another material.
+    Ids of materials, tasks and exclusion rules, keys, and phrases of `spoken` are unique: none looks like another,
+    whatever its case, blanks and alphabet (names and phrases: nor by accents, 1 or I for l, or 0 for O), and no phrase
+    like another material's id.
 
-    `consent.voice_recordings` needs `answers.microphone`. The keys `+` and `-` set the masker's level and stand for
-    nothing else. No task has more participants than the study, and the largest has as many. The tests of `analysis`
-    name tasks of the protocol. A familiarisation is shorter than `exposure.session_min`. An order `max-run` is of
-    no more than 400 trials. `answers-below` is at most the trials of the shortest task, and `speed-above` is greater
-    than `speed-below`. At most 6 tasks are counterbalanced.
+    `consent.voice_recordings` needs `answers.microphone`. `+` and `-` set the masker only. The largest task has as many
+    participants as the study. Tests name tasks of the protocol, which present the materials they compare.
+    Familiarisation is shorter than `exposure.session_min`. `max-run` orders have no more than 400 trials.
+    `answers-below` is at most the trials of the shortest task, and `speed-above` greater than `speed-below`.
+    At most 6 tasks are counterbalanced.
 
-    `materials` of a task are some of the protocol's, each once, in their order. A task with one of them has no order
-    `max-run`. Tasks of a planned test present the materials that it compares. A task with `levels` is `virtual` and its
-    order `blocked-random`, and no rule is `answers-below`.
+    `materials` of a task are some of the protocol's, once, in their order; with one, its order is not `max-run`. A task
+    with `levels` is `virtual` and `blocked-random`, without a rule `answers-below`.
     """
     yield from _kinds(table)
     for name in ("materials", "tasks", "exclusion"):

@@ -24,19 +24,16 @@ class ServoRig(Confined):
     """What pushes the hand.
 
     Attributes:
-        driver: a server that takes palpate's force messages over TCP.
-        address: of that server.
-        full_scale_n: the largest force that the device can make.
-        damping_n_s_m: the device's own physical damping, as measured without any force; it decides how stiff a block
-            may be.
-        delay_ms: from the hand's being somewhere until its force is there.
-        answer_ms: the device answers each message within this time, or nothing more is pushed.
-        tip_mass_kg: what the hand moves of the device, as weighed. By it the servo knows what the force does that it
-            sent; without it, speed is the difference of two samples.
-        hand_damping_n_s_m: what is counted on from a finger beside the device's own damping; 0 if left out.
-        hand_damping_source: who measured that.
-        band_hz: up to where the device's force follows what it is sent, at -3 dB, as measured; every frequency if left
-            out.
+        driver: a server of palpate's force messages over TCP.
+        address: its address.
+        full_scale_n: largest force of the device.
+        damping_n_s_m: its own measured damping; limits the stiffness of blocks.
+        delay_ms: from the hand's place to its force.
+        answer_ms: time to answer a message, or pushing ends.
+        tip_mass_kg: moving mass, weighed; without it, speed is the difference of two samples.
+        hand_damping_n_s_m: counted on from a finger; 0 if left out.
+        hand_damping_source: who measured it.
+        band_hz: where the force is 3 dB down; every frequency if left out.
     """
 
     RULES: ClassVar[Rules] = _servo_rules

@@ -52,11 +52,11 @@ def _rising(key: str, points: Any, called: str) -> Iterator[Broken]:
 
 
 class CalibrationPoint(Confined):
-    """A reading, and the height, or the place along the face, at which it was taken.
+    """A reading and where it was taken.
 
     Attributes:
-        counts: what the sensor reads.
-        mm: the height above the panel, or the place along the face.
+        counts: reading.
+        mm: height above the panel, or place along the face.
     """
 
     counts: Annotated[int, Field(ge=0, le=65535)]
@@ -64,20 +64,19 @@ class CalibrationPoint(Confined):
 
 
 class TrackerRig(Confined):
-    """The foot's sensor, and the serial port that it speaks through.
+    """The sensor and its serial port.
 
     Attributes:
         driver: palpate's own for its frames, or a class of a module beside the rig file or of an installed package.
-        port: a device path, or a URL that pyserial opens such as `socket://127.0.0.1:4711`.
-        baud: the speed of the line, bits a second.
+        port: device path, or URL for pyserial such as `socket://127.0.0.1:4711`.
+        baud: bits a second.
         rate_hz: frames a second.
-        stall_ms: after so long without a frame the tracker counts as stopped.
+        stall_ms: silence that counts as stopped.
         calibration: readings at known heights; heights between two points follow a straight line.
-        calibrated_on: when the calibration was made; a real rig states it.
-        calibration_days: for how many days the calibration holds; a real rig states it.
-        noise_mm: rms of the sensor at rest, as `palpate calibrate tracker` measures it.
-        zeroing_mm: heights count from where the participant's foot rests on the panel, at most so far from contact;
-            without it they count as calibrated.
+        calibrated_on: day; needed by a real rig.
+        calibration_days: validity; needed by a real rig.
+        noise_mm: rms at rest, measured.
+        zeroing_mm: heights count from the resting foot, at most this far from contact.
         along_calibration: readings of a planar tracker, whose frames have two, at known places along the face of a
             virtual block; it pushes back along its face too. A step is followed by its height alone.
     """

@@ -19,13 +19,13 @@ TESTS = dict.fromkeys(("Bradley-Terry", "Thurstone", "Davidson"), PlannableTest(
 
 
 class Comparison(Confined):
-    """What trials of the design `comparison` need: in each, a participant names one of two materials.
+    """In each trial a participant names one of two materials.
 
     Attributes:
-        quality: what is compared, such as hardness; the materials stand in the file from the least of it to the most.
-        first_key: the experimenter's key for the material that was presented first.
-        second_key: the key for the one that was presented second.
-        tie_key: the key for neither of them; left out, participants have to choose.
+        quality: what is compared, such as hardness; materials are listed from least to most.
+        first_key: the first was named.
+        second_key: the second.
+        tie_key: neither; without it participants must choose.
     """
 
     quality: Name

@@ -30,16 +30,16 @@ SLOWEST_MM_S, FASTEST_MM_S = 10.0, 10_000.0
 
 
 class Synthesis(Confined):
-    """Recordings from which virtual stimuli are made (section 3.1 of the source).
+    """Recordings for virtual stimuli (section 3.1 of the source).
 
     Attributes:
-        rate_hz: the sampling rate of the recordings.
-        samples: how long each take is, in samples.
-        takes: how often each condition is recorded.
-        speeds_mm_s: the speeds of the foot at which recordings are made.
-        average: what of the takes is averaged: the magnitudes of their spectra, or signed coefficients.
-        left_out_max: the largest share of a vibration (rms) that a rig may leave out: frequencies beyond its band, and
-            what it holds back of others; no participant is run on one that leaves out more, or of which nobody knows.
+        rate_hz: sampling rate.
+        samples: length of a take.
+        takes: of each condition.
+        speeds_mm_s: foot speeds, rising.
+        average: magnitudes of spectra, or signed coefficients.
+        left_out_max: largest share (rms) of a vibration a rig may leave out; other rigs, and unmeasured ones, are
+            refused.
     """
 
     RULES: ClassVar[Rules] = _synthesis_rules
@@ -53,14 +53,13 @@ class Synthesis(Confined):
 
 
 class Tactile(Confined):
-    """What skin and actuator can pass; what lies outside may be left out where it stays below the floor.
+    """What skin and actuator can pass.
 
     Attributes:
-        low_hz: the lowest frequency that counts.
-        high_hz: the highest frequency that counts.
-        floor_m_s2: rms of all that lies outside the band together, below which it is not felt, in any material of a
-            task.
-        source: where band and floor come from.
+        low_hz: lowest frequency that counts.
+        high_hz: highest.
+        floor_m_s2: rms of all outside the band that is not felt, in any material.
+        source: of band and floor.
     """
 
     RULES: ClassVar[Rules] = _tactile_rules

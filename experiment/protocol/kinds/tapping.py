@@ -14,12 +14,12 @@ OF_STEPS = ("frames-lost", "speed-below", "speed-above", "undelivered")
 
 
 class VirtualSurface(Confined):
-    """How a virtual surface vibrates at a tap, as a material rings.
+    """How a virtual surface rings at a tap.
 
     Attributes:
         material: whose surface it is.
-        attack_hz: the frequency at which a tap on it rings: f of Wellman and Howe.
-        amplitude: how strongly it rings at 200 mm/s, as a part of `tapping.full_m_s2`: L of Wellman and Howe.
+        attack_hz: f of Wellman and Howe.
+        amplitude: L of Wellman and Howe: strength at 200 mm/s, as a part of `tapping.full_m_s2`.
     """
 
     material: Name
@@ -28,24 +28,22 @@ class VirtualSurface(Confined):
 
 
 class Tapping(KindTable):
-    """How surfaces are rendered: one block for all of them, and a vibration at the touch that is each one's own.
+    """One block for all surfaces, and a vibration for each.
 
-    A file of format 2 or 3 has it as `[comparison.virtual]`, and `attack_hz` and `amplitude` of each surface in its
-    material.
+    Formats 2 and 3 have it as `[comparison.virtual]`, `attack_hz` and `amplitude` in materials.
 
     Attributes:
-        switch_key: the experimenter's key for the participant's change to the other surface.
+        switch_key: changes to the other surface.
         rate_hz: forces a second.
-        stiffness_n_m: K of the block, along its normal.
+        stiffness_n_m: K of the block.
         damping_n_s_m: C of the block.
-        mass_kg: M of the block; left out, the block is held.
-        full_m_s2: the amplitude of a surface with an `amplitude` of 1, at 200 mm/s.
-        decay_per_s: B, how fast every vibration fades.
-        fastest_mm_s: a lamp says when the hand is faster.
+        mass_kg: M of the block; without it the block is held.
+        full_m_s2: amplitude of a surface with `amplitude` 1, at 200 mm/s.
+        decay_per_s: B, decay of every vibration.
+        fastest_mm_s: a lamp shows faster hands.
         surfaces: how the surface of each material vibrates.
-        force_error_max: by how much the force may be off (rms, as a part of the block's law within the limit of force)
-            when a simulated hand rests inside or taps; no participant is run on a rig that is off by more, or of which
-            nobody knows.
+        force_error_max: largest error of the force (rms, as a part of the law) at rest or tapping; other rigs, and
+            unmeasured ones, are refused.
     """
 
     switch_key: Key
