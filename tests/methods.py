@@ -1,30 +1,27 @@
-"""The table of methods in tests/README.md: `python -m tests.methods FOLDER` takes it from what `palpate numerics` made.
+"""Errors and run times of methods: `python -m tests.methods FOLDER` takes them from what `palpate numerics` made.
 
-Errors and claims in it are checked by `tests/analysis/numerics/test_methods.py`; run times belong to one machine.
+They stand in `benchmarks/results/`. Errors and claims are checked by `tests/analysis/numerics/test_methods.py`; run
+times belong to one machine.
 """
 
 from __future__ import annotations
 
+import csv
 import sys
 from pathlib import Path
 
-README = Path(__file__).parent / "README.md"
-BEGIN, END = "<!-- methods: written by python -m tests.methods -->", "<!-- end of methods -->"
+FILES = tuple(Path(__file__).parent / "benchmarks" / "results" / name for name in ("methods.csv", "steppers.csv"))
 
 
-def written(readme: str, methods: str) -> str:
-    """Return the text of the README with the table that `methods.md` holds, without its title."""
-    before, _, rest = readme.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    tables = methods.partition("\n")[2].strip().replace("### ", "#### ")
-    return f"{before}{BEGIN}\n\n{tables}\n\n{END}{after}"
+def kept() -> tuple[list[list[str]], ...]:
+    """Return the rows of each file, its header first."""
+    return tuple(list(csv.reader(file.read_text("utf-8").splitlines())) for file in FILES)
 
 
-def tables(readme: str) -> tuple[list[list[str]], ...]:
-    """Return the cells of each table between the markers, its header among them and its rule left out."""
-    _, _, rest = readme.partition(BEGIN)
+def tables(text: str) -> tuple[list[list[str]], ...]:
+    """Return the cells of each table in a Markdown text, its header among them and its rule left out."""
     found: list[list[list[str]]] = [[]]
-    for line in rest.partition(END)[0].splitlines():
+    for line in text.splitlines():
         if not line.startswith("|"):
             found.append([])
         elif not line.startswith("|:--"):
@@ -32,7 +29,12 @@ def tables(readme: str) -> tuple[list[list[str]], ...]:
     return tuple(table for table in found if table)
 
 
+def write(text: str) -> None:
+    """Write the tables of a `methods.md` into their files."""
+    for file, rows in zip(FILES, tables(text), strict=True):
+        with file.open("w", encoding="utf-8", newline="") as out:
+            csv.writer(out, lineterminator="\n").writerows(rows)
+
+
 if __name__ == "__main__":
-    README.write_text(
-        written(README.read_text("utf-8"), (Path(sys.argv[1]) / "methods.md").read_text("utf-8")), "utf-8"
-    )
+    write((Path(sys.argv[1]) / "methods.md").read_text("utf-8"))

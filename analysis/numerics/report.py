@@ -296,7 +296,7 @@ def _conditions(result: Numerics) -> Section:
 
 
 def methods(result: Numerics) -> Section:
-    """Return the table of methods that `tests/README.md` holds: each at the usual sizes, and contact by the servo."""
+    """Return the tables of `tests/benchmarks/results`: each method at the usual sizes, and contact by the servo."""
     of_contact = _contact(result)
     rows = [one for one in result.measured if one.subject != "contact"]
     shown = [one for subject, each in groupby(rows, key=lambda one: one.subject) for one in _usual(subject, list(each))]

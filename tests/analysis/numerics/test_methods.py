@@ -1,4 +1,4 @@
-"""The table of methods in tests/README.md is what the command makes: its rows, its claims, and errors within them."""
+"""The kept tables of methods are what the command makes: their rows, their claims, and errors within them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate.analysis.numerics import cases, numerics, played, report
 from palpate.analysis.numerics.numerics import FULL, Measured, Numerics
 from tests import methods
 
-KEPT, SERVO = methods.tables(methods.README.read_text("utf-8"))
+KEPT, SERVO = methods.kept()
 
 
 def value(cell: str) -> float | None:
