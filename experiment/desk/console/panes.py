@@ -1,5 +1,6 @@
 """The console's parts on the screen, each of which is drawn anew only where what it shows has changed."""
 
+import math
 from collections.abc import Callable
 from io import StringIO
 from typing import ParamSpec
@@ -14,10 +15,16 @@ from palpate.experiment.clock import wall_ns
 from palpate.experiment.desk.console import picture
 from palpate.experiment.desk.console.forms import MOST_CHARACTERS, Form
 from palpate.experiment.desk.console.picture import STEPS, Phase
-from palpate.experiment.desk.messages import Asked, View
+from palpate.experiment.desk.messages import Asked, Choice, View
 
 WIDE, TALL = 110, 30
 """From so many columns and rows on there is room for more words."""
+
+LARGE, LINE = 120, 40
+"""From so many columns on, keys are three rows high, and what is asked is bold, in lines of so many characters."""
+
+HIGH, ABOVE_KEYS = 4, 15
+"""Rows of a high key with the blank one below; and of all else above and below keys that is to stay on the screen."""
 
 SIDE, WIDE_SIDE = 29, 44
 """The columns of what is measured."""
@@ -234,8 +241,11 @@ class Board(Vertical):
         self._count(view)
         self._places.light(now, picture.strip(view))
         self._text.display = self._keys.display = not form
-        pane["asked"].show(picture.question_text, question, now, view.lay_out, view.heard)
-        pane["offered"].show(picture.offered, question.choices if question is not None else (), roomy)
+        choices = question.choices if question is not None else ()
+        large = self.app.size.width >= LARGE
+        self._text.set_class(large, "large")
+        pane["asked"].show(picture.question_text, question, now, view.lay_out, view.heard, large)
+        pane["offered"].show(picture.offered, choices, roomy, self._columns(choices) if large else 0)
         pane["lines"].show(picture.lines, view.lines)
         pane["commands"].show(picture.commands, wide)
         pane["recent"].show(picture.recent, standing.recent)
@@ -254,6 +264,12 @@ class Board(Vertical):
             self._fitted = fitted
             self.call_after_refresh(self._fit)
 
+    def _columns(self, choices: tuple[Choice, ...]) -> int:
+        """Return in how many columns answers have room with keys of three rows; 0 if they have none."""
+        high = sum(choice.answer for choice in choices) or len(choices)
+        rows = self.app.size.height - ABOVE_KEYS - math.ceil((len(choices) - high) / 2)
+        return next((columns for columns in (1, 2) if HIGH * math.ceil(high / columns) <= rows), 0)
+
     def _count(self, view: View) -> None:
         """Show the trial's number, or what is left of a break or a familiarisation."""
         counted = self._panes["counted"]
@@ -271,7 +287,8 @@ class Board(Vertical):
         """Let a long text scroll, so that the keys below it stay on the screen; show the newest lines."""
         width, height = self._main.content_size
         room = height - self._panes["notice"].size.height
+        asked = self._panes["asked"].lines(min(width, LINE) if self._text.has_class("large") else width)
         self._text.styles.max_height = max(3, room - self._panes["offered"].lines(width) - 1)
-        self._keys.styles.max_height = max(3, room - min(3, self._panes["asked"].lines(width)))
+        self._keys.styles.max_height = max(3, room - min(3, asked))
         # Whatever becomes of its height, its end stays on the screen.
         self._told.anchor()

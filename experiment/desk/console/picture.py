@@ -1,6 +1,7 @@
 """What the console draws of a view, as texts of rich; keys and commands carry `PRESSES` in their style, for clicks."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 
@@ -173,47 +174,73 @@ def hint(words: str, does: str, *, fields: int) -> Text:
     return text.append("   Tab changes the field" if fields > 1 else "", style=DIM)
 
 
-def offered(choices: tuple[Choice, ...], roomy: bool) -> Table:
-    """Return the keys that may be pressed: each answer in a row of its own, and what else there is together below."""
+def offered(choices: tuple[Choice, ...], roomy: bool, large: int = 0) -> Table:
+    """Return the keys that may be pressed: each answer in a row of its own, and what else there is together below.
+
+    `large` is in how many columns answers with keys of three rows stand, 0 for keys of one row.
+    """
+    apart = [choice for choice in choices if choice.answer] or list(choices)
+    both = Table.grid(expand=True)
+    both.add_column(ratio=1)
+    both.add_row(_large(apart, large) if large else _small(apart, roomy))
+    others = [choice for choice in choices if choice not in apart]
+    if others:
+        pairs = Table.grid(padding=(0, 1))
+        for one, other in zip_longest(others[::2], others[1::2]):
+            pairs.add_row(*(part for choice in (one, other) if choice is not None for part in _other(choice)))
+        if not roomy:
+            both.add_row("")
+        both.add_row(pairs)
+    return both
+
+
+def _small(choices: Sequence[Choice], roomy: bool) -> Table:
     grid = Table.grid(padding=(0, 1, 1 if roomy else 0, 0), expand=True)
     grid.add_column(no_wrap=True)
     grid.add_column(ratio=1, overflow="fold")
-    apart = [choice for choice in choices if choice.answer] or list(choices)
-    for choice in apart:
-        meta = Style(meta={PRESSES: choice.key})
-        grid.add_row(_cap(choice.key), Text(choice.words, style=Style.parse(f"bold {PLAIN}") + meta))
-    others = [choice for choice in choices if choice not in apart]
-    if not others:
-        return grid
-    pairs = Table.grid(padding=(0, 1))
-    for one, other in zip_longest(others[::2], others[1::2]):
-        pairs.add_row(*(part for choice in (one, other) if choice is not None for part in _other(choice)))
-    both = Table.grid(expand=True)
-    both.add_column(ratio=1)
-    both.add_row(grid)
-    if not roomy:
-        both.add_row("")
-    both.add_row(pairs)
-    return both
+    for choice in choices:
+        grid.add_row(_cap(choice.key), _words(choice))
+    return grid
+
+
+def _large(choices: Sequence[Choice], columns: int) -> Table:
+    """Return choices whose keys are three rows high, in columns from top to bottom."""
+    grid = Table.grid(padding=(0, 2, 1, 0), expand=True)
+    for _ in range(columns):
+        grid.add_column(no_wrap=True)
+        grid.add_column(ratio=1, overflow="fold", vertical="middle")
+    rows = math.ceil(len(choices) / columns)
+    for row in range(rows):
+        grid.add_row(*(part for one in choices[row::rows] for part in (_cap(one.key, high=True), _words(one))))
+    return grid
+
+
+def _words(choice: Choice) -> Text:
+    return Text(choice.words, style=Style.parse(f"bold {PLAIN}") + Style(meta={PRESSES: choice.key}))
 
 
 def _other(choice: Choice) -> tuple[Text, Text]:
     return _cap(choice.key), Text(choice.words, style=Style.parse(DIM) + Style(meta={PRESSES: choice.key}))
 
 
-def _cap(key: str) -> Text:
-    return Text(f" {keycap(key)} ", style=Style.parse(f"bold #000000 on {PLAIN}") + Style(meta={PRESSES: key}))
+def _cap(key: str, *, high: bool = False) -> Text:
+    shown, pressed = keycap(key), Style.parse(f"bold #000000 on {PLAIN}") + Style(meta={PRESSES: key})
+    if not high:
+        return Text(f" {shown} ", style=pressed)
+    blank = " " * (len(shown) + 6)
+    return Text(f"{blank}\n   {shown}   \n{blank}", style=pressed)
 
 
-def question_text(question: Asked | None, now: Phase, lay_out: str, heard: str) -> Text:
-    """Return what is asked, or that nothing is, and what the microphone proposes."""
+def question_text(question: Asked | None, now: Phase, lay_out: str, heard: str, large: bool) -> Text:
+    """Return what is asked, or that nothing is, and what the microphone proposes; bold throughout if `large`."""
     told = Text()
     if lay_out and (question is None or question.kind != "place"):
         told.append(f"Laid out: {lay_out}\n", style=DIM)
     if question is None:
-        return told.append(now.says, style=YELLOW if now.word == AGAIN.word else DIM)
-    big = question.kind in ("place", "confirm", "answer")
-    told.append("Confirm: " if question.kind == "confirm" else "", style=DIM)
+        colour = YELLOW if now.word == AGAIN.word else PLAIN if large else DIM
+        return told.append(now.says, style=f"bold {colour}" if large else colour)
+    big = large or question.kind in ("place", "confirm", "answer")
+    told.append("Confirm: " if question.kind == "confirm" else "", style=f"bold {DIM}" if large else DIM)
     told.append(question.text, style=f"bold {PLAIN}" if big else PLAIN)
     return told.append(f"\n{heard}" if heard and question.kind in ("answer", "confirm") else "", style=YELLOW)
 

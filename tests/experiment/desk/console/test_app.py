@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.segment import Segment
 from syrupy.assertion import SnapshotAssertion
 from textual.widget import Widget
 from textual.widgets import Input
 
 from palpate.experiment.desk import link
-from palpate.experiment.desk.console import app, panes, presses
+from palpate.experiment.desk.console import app, panes, picture, presses
 from palpate.experiment.desk.console.app import Left, attend
 from palpate.experiment.desk.console.panes import Pane
 from palpate.experiment.desk.messages import (
@@ -56,11 +57,30 @@ def key_of(kind: str) -> str:
     return question(kind).choices[0].key
 
 
-def at_a_desk(folder: Path, view: View, then: Callable[[Desk], Awaitable[None]]) -> Left | None:
+def drawn(there: Desk, part: Widget) -> list[Segment]:
+    """Return what is on the screen where a part of it stands."""
+    place = part.region
+    rows = there.app.screen._compositor.render_strips()[place.y : place.bottom]
+    return [segment for row in rows for segment in row.crop(place.x, place.right)]
+
+
+def rows_of_key(there: Desk, key: str) -> int:
+    """Return on how many rows of the screen a click presses a key, to the left of its words."""
+    offered = there.app.screen.query_one("#offered")
+    strips = there.app.screen._compositor.render_strips()[offered.region.y : offered.region.bottom]
+    pressed = [
+        [one.style for one in strip if one.style and one.style.meta.get(picture.PRESSES) == key] for strip in strips
+    ]
+    return sum(any(style.bgcolor and style.bgcolor.name == picture.PLAIN for style in row) for row in pressed)
+
+
+def at_a_desk(
+    folder: Path, view: View, then: Callable[[Desk], Awaitable[None]], size: tuple[int, int] = (80, 24)
+) -> Left | None:
     """Do something at a console that shows a view; return why it was left, if it was."""
 
     async def run() -> Left | None:
-        async with desk(folder, view) as there:
+        async with desk(folder, view, size) as there:
             await then(there)
             return there.app.return_value
 
@@ -683,9 +703,43 @@ def test_eight_materials_are_whole_on_the_screen(tmp_path: Path, size: tuple[int
         async with desk(tmp_path, view, size) as there:
             there.end.refusals = {"z": "'z' is no key here."}
             await there.press("z")
-            await there.until(lambda: "is no key here" in there.text and "8  cell" in there.text)
+            await there.until(lambda: "is no key here" in there.text and NAMES[-1] in there.text)
             return there.text
 
     text = asyncio.run(run())
     for told in (*NAMES, *(words for _, words in others), "PRACTICE", "ANSWER", "60 min left", "2 typing paper"):
         assert told in text
+
+
+@pytest.mark.parametrize("size", [(120, 36), (160, 45)], ids=["120x36", "160x45"])
+def test_on_a_large_screen_keys_are_three_rows_high_and_the_question_is_bold_in_short_lines(
+    tmp_path: Path, size: tuple[int, int]
+) -> None:
+    text = "The masker is at its level, and the participant does not hear the panel that vibrates below."
+
+    async def then(there: Desk) -> None:
+        for number, kind in enumerate((*KINDS, "write", "break")):
+            view = ARMED.model_copy(update={"question": question(kind, number=number, text=text)})
+            await there.show(view)
+            await there.until(lambda: there.app.screen.query_one("#asked").region.width <= panes.LINE)
+            asked = there.app.screen.query_one("#asked", Pane)
+            assert all(one.style is not None and one.style.bold for one in drawn(there, asked) if one.text.strip())
+            for choice in view.question.choices if view.question else ():
+                if choice.answer or kind != "answer":
+                    assert rows_of_key(there, choice.key) == 3
+
+    at_a_desk(tmp_path, ARMED, then, size)
+
+
+@pytest.mark.parametrize(("answers", "size", "rows"), [(9, (120, 36), 3), (9, (160, 45), 3), (20, (120, 36), 1)])
+def test_all_answers_stay_on_a_large_screen_beside_one_another_if_need_be(
+    tmp_path: Path, answers: int, size: tuple[int, int], rows: int
+) -> None:
+    keys = "abcdefghijklmopqrstuvwxyz"[:answers]
+
+    async def then(there: Desk) -> None:
+        await there.show(ARMED.model_copy(update={"question": question("answer", keys=keys)}))
+        assert {rows_of_key(there, key) for key in keys} == {rows}
+        assert "no answer" in there.text
+
+    at_a_desk(tmp_path, ARMED, then, size)

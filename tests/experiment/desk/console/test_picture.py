@@ -136,6 +136,6 @@ def test_what_was_heard_stands_under_the_question_of_an_answer_alone() -> None:
     heard = "heard: aluminum foil (0.92)"
     for kind, shown in (("answer", True), ("confirm", True), ("place", False), ("say", False)):
         asked = Asked(number=1, kind=kind, text="What did they say?", choices=())
-        text = picture.question_text(asked, picture.ASKED[kind], "", heard).plain
+        text = picture.question_text(asked, picture.ASKED[kind], "", heard, False).plain
         assert (text.split("\n")[-1] == heard) is shown
-    assert heard not in picture.question_text(None, picture.STATES["armed"], "", heard).plain
+    assert heard not in picture.question_text(None, picture.STATES["armed"], "", heard, False).plain
