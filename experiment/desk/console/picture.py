@@ -205,12 +205,14 @@ def _small(choices: Sequence[Choice], roomy: bool) -> Table:
 
 def _large(choices: Sequence[Choice], columns: int) -> Table:
     """Return choices whose keys are three rows high, in columns from top to bottom."""
-    grid = Table.grid(padding=(0, 2, 1, 0), expand=True)
+    grid = Table.grid(padding=(0, 2), expand=True)
     for _ in range(columns):
         grid.add_column(no_wrap=True)
         grid.add_column(ratio=1, overflow="fold", vertical="middle")
     rows = math.ceil(len(choices) / columns)
     for row in range(rows):
+        if row:
+            grid.add_row()
         grid.add_row(*(part for one in choices[row::rows] for part in (_cap(one.key, high=True), _words(one))))
     return grid
 
