@@ -15,6 +15,7 @@ from typing import Literal
 
 from palpate.experiment import clock, storage
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.clock import minutes
 from palpate.experiment.dataset import accidents, build, checks, register, tables
 from palpate.experiment.dataset.checks import Dataset, Sessions
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, anchors_of_file
@@ -22,7 +23,7 @@ from palpate.experiment.dataset.signatures import Signer, soundly_signed
 from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, Remedy, Verdict
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.blocks import count
-from palpate.experiment.records import journal
+from palpate.experiment.records import bridging, journal
 from palpate.experiment.records.entries import Header, Outcome, Purpose, Resumed
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import approvals, enrolment
@@ -239,9 +240,10 @@ def _resumed_on(path: Path) -> list[date]:
     """Return the days, in UTC, on which a session went on after a pause."""
     if b'"kind":"resumed"' not in storage.read_bytes(path):
         return []
-    lines = journal.read(path, strict=False).lines
-    days = (date.fromisoformat(clock.utc(one.t_ns)[:10]) for one in lines if isinstance(one.entry, Resumed))
-    return list(dict.fromkeys(days))
+    contents = journal.read(path, strict=False)
+    known = zip(contents.lines, bridging.shifted(contents), strict=True)
+    times_ns = [line.t_ns + shift_ns for line, (entry, shift_ns) in known if isinstance(entry, Resumed)]
+    return list(dict.fromkeys(date.fromisoformat(clock.utc(t_ns)[:10]) for t_ns in times_ns))
 
 
 A_DAY = timedelta(days=1)
@@ -296,7 +298,9 @@ def _session(root: Path, path: Path, sessions: list[tuple[Path, Header]]) -> str
     held = progress(contents.entries)
     paused = held.footer is not None and held.footer.reason == "paused" and not held.complete
     still = f"; its session is open: it was paused with {count(len(held.remaining), 'trial')} to go" if paused else ""
-    return f"{told}; its rig{frames} that it names{unnamed}{still}"
+    back_s = bridging.set_back_ns(contents) / 1e9
+    back = f"; the clock was set back by {minutes(back_s)} in a pause, and its times are bridged" if back_s else ""
+    return f"{told}; its rig{frames} that it names{unnamed}{still}{back}"
 
 
 def _roster(path: Path, rosters: list[Roster]) -> str:

@@ -17,7 +17,7 @@ from typing import Literal
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.rig import DOCTOR
-from palpate.experiment.clock import Clock, day, monotonic_ns
+from palpate.experiment.clock import Clock, day, minutes, monotonic_ns
 from palpate.experiment.desk import interrupts, questions
 from palpate.experiment.desk.questions import INTERRUPTED, YES, Agree, Familiarise, Instructed, Notice, Silent
 from palpate.experiment.errors import (
@@ -416,6 +416,11 @@ class _Session:
             torn = contents.torn.decode("utf-8", "backslashreplace")
             self.log.write(entries.Resumed(torn=torn, remaining=remaining))
             self._exposed.begin(self._attempts.kind)
+            back_ns = contents.lines[-1].t_ns - self.devices.clock.now_ns()
+            if back_ns > 0 and not self.devices.clock.simulated:
+                text = f"The clock of this machine was set back by {minutes(back_ns / 1e9)} or more since the pause."
+                self.log.write(entries.Note(trial=None, text=text))
+                self.devices.console.tell(Notice(f"{text} The tables bridge it; set it right before the next session."))
             if torn:
                 self.devices.console.tell(
                     Notice(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")

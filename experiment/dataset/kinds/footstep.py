@@ -14,14 +14,14 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.build import Cells, DatasetKind
 from palpate.experiment.errors import DatasetError
-from palpate.experiment.records import entries
+from palpate.experiment.records import bridging, entries
 from palpate.experiment.records.journal import Contents
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
 from palpate.experiment.records.stimulus import Onset, Stimulus
 from palpate.experiment.storage import rig_path
 
 LONGEST_GAP_S = 600.0
-"""After a longer pause, or where time goes back by more than a frame, the foot trace continues in a new recording."""
+"""After a longer pause the foot trace continues in a new recording."""
 
 FOOT_COLUMNS = {
     "foot_height": "Height of the sole above the panel.",
@@ -55,7 +55,7 @@ def placed_steps(path: Path, contents: Contents) -> list[Placed]:
     zero_ns: int | None = None
     zero_mm = 0.0
     steps: list[Placed] = []
-    for entry in contents.entries:
+    for entry, shift_ns in bridging.shifted(contents):
         if isinstance(entry, entries.TrackerOpened):
             zero_ns = entry.t_ns if zero_ns is None else zero_ns
         elif isinstance(entry, Zeroed):
@@ -73,7 +73,7 @@ def placed_steps(path: Path, contents: Contents) -> list[Placed]:
                     allowed="the tracker first",
                 )
             at_ns = ClockMap(clock.anchor_us, clock.anchor_ns, clock.drift_ppm).session_ns(at_us)
-            at_s = (at_ns - zero_ns) / 1e9
+            at_s = (at_ns + shift_ns - zero_ns) / 1e9
             steps.append(Placed(entry, at_us, at_s, clock.drift_ppm, zero_mm))
     return steps
 
@@ -150,8 +150,7 @@ def write_foot(
         heights_mm, along_mm = tracker.height_mm(decoded.counts), tracker.along_mm(decoded.along)
         read_mm.append(np.column_stack([heights_mm - placed.zero_mm, *([] if along_mm is None else [along_mm])]))
     onward = np.diff(np.concatenate(places))
-    # Time goes back where the session continued after the wall clock was set back: what was there already stays.
-    cuts = np.flatnonzero((onward > LONGEST_GAP_S * rate_hz) | (onward < -1)) + 1
+    cuts = np.flatnonzero(onward > LONGEST_GAP_S * rate_hz) + 1
     parts = (np.split(np.concatenate(whole), cuts) for whole in (places, read_mm))
     for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
         place = (on_grid - on_grid.min()).astype(np.int64)

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from palpate.experiment.dataset.build import Cells, DatasetKind
+from palpate.experiment.records import bridging
 from palpate.experiment.records.entries import Outcome
 from palpate.experiment.records.events import PLACES
 from palpate.experiment.records.journal import Contents
@@ -12,7 +13,7 @@ from palpate.experiment.records.kinds.presented import CutShort, Interval, Prese
 
 def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
     begun_ns = contents.lines[0].t_ns
-    for entry in contents.entries:
+    for entry, shift_ns in bridging.shifted(contents):
         if isinstance(entry, Presentation | CutShort):
             names = PLACES if len(entry.presented) > 1 else ("presented",)
             yield (
@@ -20,7 +21,7 @@ def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
                 {
                     **dict(zip(names, entry.presented, strict=False)),
                     "delivered": all_delivered(entry.intervals),
-                    **(_last(entry.intervals[-1], begun_ns) if entry.intervals else {}),
+                    **(_last(entry.intervals[-1], begun_ns - shift_ns) if entry.intervals else {}),
                     **({"redo_reason": entry.reason} if isinstance(entry, CutShort) else {}),
                 },
             )

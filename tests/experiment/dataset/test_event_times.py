@@ -24,8 +24,8 @@ from palpate.experiment.dataset.kinds.footstep import placed_steps, write_foot
 from palpate.experiment.errors import TrackerStopped
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Footer, PlannedTrial, TrackerOpened
+from palpate.experiment.records import bridging, journal
+from palpate.experiment.records.entries import Exposure, Footer, PlannedTrial, Resumed, TrackerOpened
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kinds.footstep.trials import FootstepDevices
@@ -203,12 +203,24 @@ def test_a_wall_clock_that_was_set_back_before_a_session_went_on_overwrites_no_f
     steps = placed_steps(path, contents)
     write_foot(tmp_path, path, contents, build.raw_frames(path, [one.step for one in steps]), "REHEARSAL")
     frames = [placed.step.trace.length // FRAME_BYTES[1] for placed in steps]
-    # Four steps were before the pause, two after. Each has a place of its own.
+    # Four steps were before the pause, two after. Each has a place of its own, and later ones come later.
     assert len(frames) == 6
-    found = heights(tmp_path)
-    assert list(found.values()) == [sum(frames[:4]), sum(frames[4:])]
-    start_s, again_s = found
-    assert again_s - start_s == pytest.approx(-before_s, abs=4.0)
+    assert list(heights(tmp_path).values()) == [sum(frames)]
+    at_s = [placed.at_s for placed in steps]
+    assert at_s == sorted(at_s)
+    (ended_ns,) = (line.t_ns for line in contents.lines if getattr(line.entry, "reason", "") == "paused")
+    assert bridging.set_back_ns(contents) == pytest.approx(ended_ns - opened_ns + before_s * 1e9, abs=1e9)
+
+
+def test_a_pause_is_as_long_as_the_machine_was_on_where_it_can_tell() -> None:
+    def ran(up_s: int) -> Exposure:
+        return Exposure(dose=None, stimuli=0, vibration_s=0.0, boot="same", up_ns=up_s * 10**9)
+
+    told = [(0, HEADER), (5, ran(100)), (9, Footer(reason="paused", answered=0)), (2, Resumed(torn="", remaining=()))]
+    lines = [journal.Line(at_s * 10**9, entry) for at_s, entry in [*told, (3, ran(130))]]
+    # The last line is 30 s after the uptime of 100 s, which was at 5 s: at 35 s, and the clock says 3 s.
+    shifts = [shift_ns // 10**9 for _, shift_ns in bridging.shifted(journal.Contents(tuple(lines)))]
+    assert shifts == [0, 0, 0, 32, 32]
 
 
 def test_a_planar_trace_keeps_the_place_along_the_face_as_a_column(tmp_path: Path) -> None:

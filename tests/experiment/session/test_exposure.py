@@ -21,7 +21,7 @@ from palpate.experiment.clock import ManualClock, MonotonicClock, Uptime
 from palpate.experiment.desk.questions import Event, Notice, Place
 from palpate.experiment.errors import AudioError, JournalError, ScreenGone, TrackerStopped
 from palpate.experiment.protocol.models import Masker, Protocol
-from palpate.experiment.records import journal, transcript
+from palpate.experiment.records import bridging, journal, transcript
 from palpate.experiment.records.entries import (
     Armed,
     Entry,
@@ -29,6 +29,7 @@ from palpate.experiment.records.entries import (
     Footer,
     Header,
     MaskerSet,
+    Note,
     Phase,
     Redo,
     Resumed,
@@ -463,6 +464,21 @@ def real_time(keys: str, clock: ManualClock) -> Bench:
 
     one.tracker.read = slowly  # type: ignore[method-assign]
     return one
+
+
+def test_a_clock_that_was_set_back_in_a_pause_is_told_and_bridged_by_the_uptime(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    machine = Machine()
+    assert real_time("cq", machine).run(protocol, header("virtual"), tmp_path).reason == "paused"
+    machine.sleep_ns(60 * 10**9)
+    machine.set(-10_000 * 10**9)
+    again = real_time("pp", machine)
+    assert again.run(protocol, header("virtual"), tmp_path).reason == "complete"
+    contents = journal.read(storage.journal_path(tmp_path, "01", "virtual"))
+    assert bridging.set_back_ns(contents) == 10_000 * 10**9
+    (note,) = (entry.text for entry in contents.entries if isinstance(entry, Note))
+    assert any(told.startswith(note) for told in again.console.shown)
 
 
 @pytest.mark.parametrize("clock_of", [ManualClock, Machine])
