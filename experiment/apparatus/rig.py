@@ -180,8 +180,8 @@ class AccelerometerRig(Confined):
         rate_hz: that of the protocol's recordings.
         full_scale_m_s2: acceleration of a sample of 1.0.
         trigger_m_s2: a take begins here: above the noise at rest.
-        stays: false if it leaves the panel: sessions then do not compare, and the measurement counts for 30 days at
-            most.
+        stays: false if it leaves the panel: sessions then neither compare nor listen, and the measurement counts for
+            30 days at most.
         calibrated_on: of `full_scale_m_s2`; a real rig needs it to calibrate the actuator.
     """
 

@@ -55,6 +55,22 @@ class Moved(Record):
     scale: float
 
 
+class Heard(Record):
+    """What an accelerometer on the panel heard around a stimulus, a foot's or hand's own impact included.
+
+    `peak_m_s2` is the largest magnitude; `thirds_db` are levels of the third octaves from 10 to 500 Hz, dB beside
+    1 m/s^2 rms over the stimulus. The movement that the measured panel makes of the samples was found best `delay_ms`
+    after it was due, latencies of both ports included, and `gain` of it; None where nothing resembles it. `problem`
+    says why nothing was heard.
+    """
+
+    peak_m_s2: float | None = None
+    thirds_db: tuple[float, ...] = ()
+    delay_ms: float | None = None
+    gain: float | None = None
+    problem: str = ""
+
+
 class Stimulus(Record):
     """What was requested of the actuator for a step, what its device was handed, and the panel's acceleration.
 
@@ -63,7 +79,7 @@ class Stimulus(Record):
     float32, little-endian, 1.0 being full scale; `handed_peak` their largest magnitude, in `handed_unit`; `limited` how
     many the limiter changed. `reached_peak_m_s2` is the panel's largest magnitude: where `moved` has a measured panel's
     peak, that with its uncertainty; otherwise for volts by the rig's response without phase, less than 1.3 % too high,
-    and for accelerations `handed_peak`. Losses of volts are in `shaping`.
+    and for accelerations `handed_peak`. Losses of volts are in `shaping`. `heard` is None where nothing listened.
     """
 
     asked_sha256: str
@@ -79,6 +95,7 @@ class Stimulus(Record):
     reached_peak_m_s2: float
     shaping: Shaping | None = None
     moved: Moved | None = None
+    heard: Heard | None = None
 
     @property
     def lasts_s(self) -> float:
@@ -132,13 +149,20 @@ def played_line(stimulus: Stimulus | None, onset: Onset | None) -> str:
     said = f"a stimulus was played, with a peak of at most {stimulus.reached_peak_m_s2:.3g} m/s^2"
     if stimulus.handed_unit == "V":
         said += f" at the panel for {stimulus.handed_peak:.3g} V"
-    scale = (stimulus.shaping.scale if stimulus.shaping else 1.0) * (stimulus.moved.scale if stimulus.moved else 1.0)
-    if scale < 1:
-        said += f", taken down to {scale:.1%} as a whole"
+    limits = (("its volts", stimulus.shaping), ("the measured panel", stimulus.moved))
+    said += "".join(
+        f", taken down to {of.scale:.1%} as a whole by the limit of {what}"
+        for what, of in limits
+        if of and of.scale < 1
+    )
+    said += f", with {stimulus.limited} samples cut" if stimulus.limited else ""
     if stimulus.computed.left_out is not None:
         said += f", off by {stimulus.computed.relative_error:.2%} (rms) with {stimulus.computed.left_out:.2%} left out"
     if stimulus.extrapolated:
         said += ", at a speed beyond those recorded"
+    if (heard := stimulus.heard) is not None and heard.peak_m_s2 is not None:
+        found = "" if heard.delay_ms is None else f", the stimulus {heard.delay_ms:+.1f} ms after it was due"
+        said += f"; the accelerometer heard a peak of {heard.peak_m_s2:.3g} m/s^2{found}"
     return said if onset and onset.delivered else f"{said}; delivery was not measured"
 
 

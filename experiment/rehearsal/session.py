@@ -193,7 +193,7 @@ class SimulatedEnds:
         self._panel = panel
         return panel.address
 
-    def playing(self, actuator: Actuator) -> Actuator:
+    def playing(self, actuator: Actuator, sitting: Sitting, opened: ExitStack) -> Actuator:  # noqa: ARG002
         return actuator if self.job.control != "silence" else cast("Actuator", SilentActuator(actuator))
 
     def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:

@@ -257,8 +257,8 @@ class FarEnds(Protocol):
         """Return what `prepare` prepares, or what it did for an earlier session of the same rehearsal."""
         return prepare()
 
-    def playing(self, actuator: Actuator) -> Actuator:
-        """Return what plays the stimuli: the actuator, unless a rehearsal controls for them."""
+    def playing(self, actuator: Actuator, sitting: Sitting, opened: ExitStack) -> Actuator:  # noqa: ARG002
+        """Return what plays the stimuli: the actuator, unless something controls for them or listens to them."""
         return actuator
 
     def force(self, opened: ExitStack) -> str | None:  # noqa: ARG002
@@ -296,7 +296,7 @@ def open_actuator(
         louder_db=sitting.louder_db,
     )
     opened.callback(actuator.close)
-    return ends.playing(actuator)
+    return ends.playing(actuator, sitting, opened)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.ports import Actuator, Tracker
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
@@ -45,6 +45,13 @@ class RealEnds(FarEnds):
 
     def __init__(self, console: Console) -> None:
         self._console = console
+
+    def playing(self, actuator: Actuator, sitting: Sitting, opened: ExitStack) -> Actuator:
+        if sitting.rig.accelerometer is None:
+            return actuator
+        listening = import_module("palpate.experiment.apparatus.panel.listening")
+        heard: Actuator = listening.open_heard(actuator, sitting.rig, sitting.rig_file.parent, sitting.clock, opened)
+        return heard
 
     def check(self, tracker: Tracker, rig: Rig) -> None:
         zeroing.check_reading(tracker, tracker_of(rig))

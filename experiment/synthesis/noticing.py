@@ -27,6 +27,7 @@ from palpate.experiment.synthesis.spectra import finite
 THIRDS_HZ = 10 ** (np.arange(10, 28) / 10)
 """Middles of third octaves, nominally 10 to 500 Hz (IEC 61260-1)."""
 
+
 CRITERION = sqrt(2) * float(ndtri(0.5 ** (1 / 3)))
 """d' at a threshold, where three of three are correct in half of all cases."""
 
@@ -115,3 +116,13 @@ def unnoticed_share(site: Site) -> float:
     """Return the share below which that is noticed less often than `RARELY`."""
     apart = 2 * float(erfinv(RARELY)) / (sqrt(THIRDS_HZ.size) * CRITERION)
     return float(np.expm1(apart * np.log1p(site.least_fraction)))
+
+
+def third_octave_energies(waveform: NDArray[np.float64], size: int, rate_hz: int) -> NDArray[np.float64]:
+    """Return the energy in each third octave, the sum of squares of samples times `size`, shape (18,).
+
+    The waveform, shape (n,), ends with zeros up to 2 `size` samples, n <= `size`.
+    """
+    power = np.square(np.abs(np.fft.rfft(waveform, 2 * size)))
+    ends = np.searchsorted(np.fft.rfftfreq(2 * size, 1 / rate_hz), [*(THIRDS_HZ / 10**0.05), THIRDS_HZ[-1] * 10**0.05])
+    return np.diff(np.concatenate([[0.0], np.cumsum(power)])[ends])

@@ -62,11 +62,11 @@ SCREEN = re.compile(
     r"|(?P<level>\[Enter\] keep the level: )"
     r"|(?P<lay>\[Enter\] it is laid out: )"
     r"|(?P<armed>Armed: the participant may step\.|may lift the foot and step\.)"
-    r"|trial (?P<asked>\d+)  What did the participant say\?\n[^\n]*REASON: "
+    r"|trial (?P<asked>\d+)  What did the participant say\?\n[^\n]*WHAT WAS DONE: "
     r"|type (?P<confirm>\S) again to confirm, anything else to ask again: "
     r"|Trial (?P<trial>\d+): the answer is on disk: (?P<answer>[^\n]*)\.\n"
     r"|(?P<write>Type one line, or nothing; press Enter: )"
-    r"|(?P<remarks>\[Enter\] end[^\n]*REASON: )"
+    r"|(?P<remarks>\[Enter\] end[^\n]*WHAT WAS DONE: )"
     r"|(?P<ended>\[ended -?\d+\])"
 )
 """What the experimenter acts on. `asked` and `trial` are numbers of trials, `confirm` is the key to type again."""

@@ -104,6 +104,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/panel/calibration.py",
         "experiment/apparatus/panel/drift.py",
         "experiment/apparatus/panel/inverse.py",
+        "experiment/apparatus/panel/listening.py",
         "experiment/apparatus/panel/measured.py",
         "experiment/apparatus/panel/movement.py",
         "experiment/apparatus/panel/multisine.py",

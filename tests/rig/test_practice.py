@@ -35,8 +35,9 @@ main()
 """The command, for which no participant only thinks."""
 
 QUESTION = re.compile(
-    r"Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>participant say\?\n[^\n]*REASON: )"
-    r"|type (?P<again>\S) again[^\n]*again: |\[Enter\] (?:[^\n]*[^N]: |[^\n]*REASON: )|or nothing; press Enter: "
+    r"Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>participant say\?\n[^\n]*WHAT WAS DONE: )"
+    r"|type (?P<again>\S) again[^\n]*again: |\[Enter\] [^\n]*: |or nothing; press Enter: "
+    r"|(?P<agree>\[y\] [^\n]*: )"
 )
 KEYS = {"felt": "f", "cork": "k", "kraft paper": "p", "foil": "o", "film": "i"}
 TRIALS = 4
@@ -86,7 +87,7 @@ def practise(folder: Path, *arguments: str, stop_after: int = TRIALS, stop: int 
                 answered += 1
                 os.write(ours, f"{KEYS[said]}\n".encode())
             else:
-                os.write(ours, f"{asked['again'] or ''}\n".encode())
+                os.write(ours, f"{'y' if asked['agree'] else asked['again'] or ''}\n".encode())
     finally:
         os.close(ours)
         process.kill()

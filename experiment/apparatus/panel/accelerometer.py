@@ -26,6 +26,9 @@ ALIVE_S = 2.0
 LATE_S = 2.0
 """How long after it is due a take's last sample may still come, s."""
 
+SOON_S = 0.2
+"""How long a session waits for a sample beyond its time, s."""
+
 BEFORE_S = 0.002
 """How much of a take lies before its trigger, s."""
 
@@ -133,6 +136,13 @@ class PcmAccelerometer:
             raise self._failed(raw)
         return self._window(raw)
 
+    def samples_from(self, begin_ns: int, samples: int) -> NDArray[np.float64]:
+        """Return so many samples from a time of the host's clock on, m/s^2, and go on. Raises `RecordingError`."""
+        raw = "nothing listens to it" if self._listening is None else self._listening.samples_from(begin_ns, samples)
+        if isinstance(raw, str):
+            raise self._failed(raw)
+        return raw.astype(np.float64) * self._settings.full_scale_m_s2
+
     def close(self) -> None:
         if self._listening is not None:
             self._listening.stop()
@@ -214,6 +224,18 @@ class _Listening:
             taken = self._kept_samples()[1][: self._samples]
         return taken if np.all(np.isfinite(taken)) else NOT_NUMBERS
 
+    def samples_from(self, begin_ns: int, samples: int) -> NDArray[np.float32] | str:
+        """Return so many samples from a time on, or what went wrong; a stream that is late is not waited for long."""
+        with self._changed:
+            begin = self._sample_at(begin_ns)
+            if not self._wait(lambda: begin + samples, late_s=SOON_S):
+                return self._missing()
+            first, held = self._kept_samples()
+        if begin < first:
+            return "the samples are no longer there"
+        taken = held[begin - first : begin - first + samples]
+        return taken if np.all(np.isfinite(taken)) else NOT_NUMBERS
+
     def stop(self) -> None:
         # A server that has closed already raises an error that does not matter.
         with suppress(OSError):
@@ -221,10 +243,10 @@ class _Listening:
         self._thread.join()
         self._connection.close()
 
-    def _wait(self, wanted: Callable[[], int]) -> bool:
+    def _wait(self, wanted: Callable[[], int], late_s: float = LATE_S) -> bool:
         """Return whether as many samples as wanted have come, in time."""
         due_s = max(wanted() - self._count, 0) / self._rate_hz
-        self._changed.wait_for(lambda: self._count >= wanted() or self._broken, due_s + LATE_S)
+        self._changed.wait_for(lambda: self._count >= wanted() or self._broken, due_s + late_s)
         return self._count >= wanted()
 
     def _missing(self) -> str:

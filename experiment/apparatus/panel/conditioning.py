@@ -8,7 +8,7 @@ limiter stands last before the device, whatever was done before.
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -67,7 +67,7 @@ class Played:
 
     Full scale is in V with a `drive`, else in m/s^2. The limiter changed `limited` samples; shaping scaled all by
     `scale`, and the limit of a measured panel, whose peak is now `moved`, by `panel_scale`. `method` is for readers. A
-    device that takes accelerations moves the panel at `carries_hz` alone.
+    device that takes accelerations moves the panel at `carries_hz` alone. `heard` says what was heard of it, if asked.
     """
 
     stimulus: Waveform
@@ -81,6 +81,7 @@ class Played:
     moved: Peak | None = None
     panel_scale: float = 1.0
     inverse: Inverse | None = None
+    heard: Callable[[], records.Heard | None] = lambda: None
 
     def budget(self) -> tuple[budget.Budget, Shaped | None]:
         """Return how the samples differ from the request, and what shaping did, None without; computed anew."""
@@ -131,6 +132,7 @@ class Played:
             reached_peak_m_s2=reached,
             shaping=None if shaped is None else _lost(shaped, self.scale),
             moved=None if self.moved is None else records.Moved(**self.moved._asdict(), scale=self.panel_scale),
+            heard=self.heard(),
         )
 
 

@@ -129,7 +129,7 @@ def stepped(stimulus: Stimulus | None, onset: Onset | None) -> FootStep:
         (
             STIMULUS.model_copy(update={"shaping": TAKEN_DOWN}),
             ONSET,
-            "for 0.5 V, taken down to 74.6% as a whole, off by 39.10% (rms) with 34.58% left out; frames",
+            "for 0.5 V, taken down to 74.6% as a whole by the limit of its volts, off by 39.10% (rms)",
         ),
         (STIMULUS.model_copy(update={"computed": OLD}), None, "for 0.5 V; delivery was not measured; frames"),
         (

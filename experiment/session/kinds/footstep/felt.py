@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from palpate.experiment.apparatus.panel.conditioning import Played
 from palpate.experiment.apparatus.panel.movement import open_movement
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.synthesis.noticing import SOLE, THIRDS_HZ, noticed
+from palpate.experiment.synthesis.noticing import SOLE, noticed, third_octave_energies
 
 LEAST_SHARE = 1e-3
 """A third octave with less of the energy than this does not count."""
@@ -65,20 +65,13 @@ def felt(asked_m_s2: NDArray[np.float64], moved_m_s2: NDArray[np.float64], *, ra
     A request of silence differs from no movement by nothing.
     """
     size = moved_m_s2.size
-    wanted, found = (_third_energies(one, size, rate_hz) for one in (asked_m_s2, moved_m_s2))
+    wanted, found = (third_octave_energies(one, size, rate_hz) for one in (asked_m_s2, moved_m_s2))
     thirds = _worst_db(wanted, found, LEAST_SHARE * float(wanted.sum()))
     before, after = (_window_energies(one, size, rate_hz) for one in (asked_m_s2, moved_m_s2))
     envelope = _worst_db(before, after, float(before.max()) * 10 ** (-QUIETEST_DB / 10))
     with np.errstate(divide="ignore"):
         asked_db, moved_db = (10 * np.log10(one / (size * asked_m_s2.size)) for one in (wanted, found))
     return Felt(thirds, envelope, *noticed(asked_db, moved_db, SOLE))
-
-
-def _third_energies(waveform_m_s2: NDArray[np.float64], size: int, rate_hz: int) -> NDArray[np.float64]:
-    """Return the energy in each third octave, the sum of squares of samples times `size`, shape (18,)."""
-    power = np.square(np.abs(np.fft.rfft(waveform_m_s2, 2 * size)))
-    ends = np.searchsorted(np.fft.rfftfreq(2 * size, 1 / rate_hz), [*(THIRDS_HZ / 10**0.05), THIRDS_HZ[-1] * 10**0.05])
-    return np.diff(np.concatenate([[0.0], np.cumsum(power)])[ends])
 
 
 def _window_energies(waveform_m_s2: NDArray[np.float64], size: int, rate_hz: int) -> NDArray[np.float64]:

@@ -1,0 +1,112 @@
+"""What an accelerometer hears of each stimulus of a session, beside what the measured panel makes of its samples.
+
+It hears whatever shakes the panel: a foot's own impact, too. Its port and the actuator's each have a latency, which is
+in the delay.
+"""
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from math import gcd
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from palpate.experiment.apparatus.audio.actuator import align
+from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer, settings_of
+from palpate.experiment.apparatus.panel.conditioning import Played
+from palpate.experiment.apparatus.panel.drift import is_heard
+from palpate.experiment.apparatus.panel.movement import Movement, open_movement
+from palpate.experiment.apparatus.ports import Actuator
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.records.stimulus import Heard
+from palpate.experiment.synthesis.noticing import third_octave_energies
+from palpate.experiment.synthesis.waveforms import Waveform
+
+BEFORE_S, AFTER_S = 0.02, 0.15
+"""From so long before a stimulus is due until so long after its end the panel is listened to, s. Ours."""
+
+QUIETEST_DB = -200.0
+"""A lower level is this one, dB."""
+
+
+def compare(heard_m_s2: NDArray[np.float64], moved_m_s2: NDArray[np.float64], *, rate_hz: int) -> Heard:
+    """Return what was heard, shape (m,), from `BEFORE_S` before a movement, (n,), was due; m >= n.
+
+    A movement of nothing is found nowhere.
+    """
+    energies = third_octave_energies(heard_m_s2, heard_m_s2.size, rate_hz) / (heard_m_s2.size * moved_m_s2.size)
+    found = align(heard_m_s2, moved_m_s2, gain=1.0) if moved_m_s2.any() else None
+    return Heard(
+        peak_m_s2=float(np.abs(heard_m_s2).max()),
+        thirds_db=tuple(np.round(10 * np.log10(np.maximum(energies, 10 ** (QUIETEST_DB / 10))), 2).tolist()),
+        delay_ms=None if found is None else round((found.onset / rate_hz - BEFORE_S) * 1e3, 3),
+        gain=None if found is None else found.gain,
+    )
+
+
+@dataclass
+class HeardActuator:
+    """An actuator, and what the accelerometer heard of each of its stimuli, which goes on record with it."""
+
+    actuator: Actuator
+    sensor: PcmAccelerometer
+    movement: Movement
+    clock: Clock
+    _due_ns: list[int] = field(default_factory=list, init=False)
+    """Of the newest stimulus: when it was due, as it was aimed last or else when it was set off."""
+
+    def prepare(self, stimulus: Waveform) -> Played:
+        """As the actuator does."""
+        made, due_ns = self.actuator.prepare(stimulus), list[int]()
+        self._due_ns = due_ns
+        return replace(made, heard=lambda: self._heard(made, due_ns))
+
+    def aim(self, onset_ns: int) -> bool:
+        """As the actuator does."""
+        taken = self.actuator.aim(onset_ns)
+        if taken and self.actuator.lead_ns:
+            self._due_ns.append(onset_ns)
+        return taken
+
+    def landed(self, contact_ns: int) -> None:
+        """As the actuator does."""
+        if not self._due_ns:
+            self._due_ns.append(self.clock.now_ns())
+        self.actuator.landed(contact_ns)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.actuator, name)
+
+    def _heard(self, played: Played, due_ns: list[int]) -> Heard | None:
+        """Return what was heard of a stimulus; None before it was due. It waits for the sensor's last sample."""
+        if not due_ns:
+            return None
+        rate_hz, played_hz = self.sensor.rate_hz, self.movement.rate_hz
+        common = gcd(rate_hz, played_hz)
+        moved = self.movement.moved_m_s2(played.samples)[: played.samples.size]
+        moved = np.asarray(signal.resample_poly(moved, rate_hz // common, played_hz // common))
+        begin_ns = due_ns[-1] - round(BEFORE_S * 1e9)
+        try:
+            heard = self.sensor.samples_from(begin_ns, moved.size + round((BEFORE_S + AFTER_S) * rate_hz))
+        except RecordingError as error:
+            return Heard(problem=error.sentence())
+        return compare(heard, moved, rate_hz=rate_hz)
+
+
+def open_heard(actuator: Actuator, rig: Rig, folder: Path, clock: Clock, opened: ExitStack) -> Actuator:
+    """Return an actuator of a panel that `drift.is_heard`, listened to from now on until `opened` closes; else itself.
+
+    Raises `RigError` for the response in `folder`, and `RecordingError` for a sensor that sends nothing.
+    """
+    if (measured := rig.actuator.measured) is None or not is_heard(rig):
+        return actuator
+    movement = open_movement(folder, measured, rate_hz=rig.actuator.rate_hz)
+    sensor = PcmAccelerometer(settings_of(rig), clock=clock)
+    opened.callback(sensor.close)
+    sensor.arm(0)
+    return cast("Actuator", HeardActuator(actuator, sensor, movement, clock))
