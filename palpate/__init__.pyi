@@ -4,6 +4,7 @@ from palpate.library import contact as contact
 from palpate.library import crinkle as crinkle
 from palpate.library import identify as identify
 from palpate.library import power as power
+from palpate.library import rate as rate
 from palpate.library import read as read
 from palpate.library import spectrum as spectrum
 

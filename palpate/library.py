@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from palpate.analysis.audit.audit import Audit
     from palpate.analysis.designs.comparison.results import Compared
+    from palpate.analysis.designs.rating.results import Ratings
     from palpate.analysis.identification.results import Results
     from palpate.analysis.power.simulate import Power
     from palpate.analysis.reading.study import Study
@@ -121,6 +122,29 @@ def compare(study: Study | PathLike) -> Compared:
         As `read`; the study has no trial that counts, or identifies materials.
     """
     found: Compared = _results(study, "comparison")
+    return found
+
+
+def rate(study: Study | PathLike) -> Ratings:
+    """Analyze the answers of a study of ratings: means, agreement of participants, power laws.
+
+    Parameters
+    ----------
+    study
+        What `read` returned, or a dataset's folder.
+
+    Returns
+    -------
+    Ratings
+        `to_frame()` has one row for each task and material: its magnitude, trials, participants, their mean rating with
+        its standard deviation and 95 % interval.
+
+    Raises
+    ------
+    DatasetError
+        As `read`; the study has no trial that counts, or is no study of ratings.
+    """
+    found: Ratings = _results(study, "rating")
     return found
 
 

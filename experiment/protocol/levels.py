@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 from palpate.experiment.errors import Finding, mismatch
 from palpate.experiment.protocol.blocks import count, number
-from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.protocol.designs import NAMES, design_of
 from palpate.experiment.protocol.kinds import table_at, tables_at
-from palpate.experiment.protocol.models import Protocol, Task
+from palpate.experiment.protocol.models import Levels, Protocol, Task
 from palpate.experiment.settings.load import Broken, Table, written
 
 
@@ -18,6 +18,8 @@ def broken(table: Table) -> Iterator[Broken]:
     for i, task in tables_at(table, "tasks"):
         if task.get("levels") is None:
             continue
+        if (design := task.get("design")) in NAMES and design_of(design).right is None:
+            yield Broken(("tasks", i, "levels"), f"no table: no answer of the design '{design}' is right or wrong")
         if task.get("stimulus") == "real":
             yield Broken(("tasks", i, "levels"), "no table: nothing changes how strong a real object feels")
         if table_at(task, "order").get("kind") in ("full-random", "max-run"):
@@ -33,7 +35,7 @@ def facts(task: Task) -> list[tuple[str, str]]:
     """Return what the board reads of the levels of a task; nothing without any."""
     if (levels := task.levels) is None:
         return []
-    grid = ", ".join(map(number, levels.grid))
+    grid = _numbers(levels.grid)
     tracks = ("each material", "each two materials")[design_of(task.design).intervals - 1]
     return [
         (
@@ -41,14 +43,38 @@ def facts(task: Task) -> list[tuple[str, str]]:
             f"every vibration of a trial is multiplied by a level: {grid}. None is stronger than one of "
             f"{number(levels.grid[-1])}, and this page states vibrations at level 1",
         ),
-        (
-            "Chosen",
-            f"by the answers to the trials before: transformed up-down, for {tracks} alone. It begins at "
-            f"{number(levels.first)}. {count(levels.down, 'right answer')} in a row lower the level by one, a wrong "
-            f"one raises it, and no answer leaves it. After {count(levels.reversals, 'change')} of direction no trial "
-            "follows. A trial that has an answer is not repeated",
-        ),
+        ("Chosen", f"by the answers to the trials before, {_rule(levels, tracks)}"),
     ]
+
+
+def _rule(levels: Levels, tracks: str) -> str:
+    """Return how the next level follows from the answers, for `tracks` each on its own."""
+    stays = "and no answer leaves it"
+    if levels.method == "up-down":
+        rises = f" {levels.up} times as far" if (levels.up or 1) > 1 else ""
+        sizes = ", then ".join(count(one, "level") for one in levels.steps or ())
+        changes = f" A step is {sizes}, as the direction changes." if sizes else ""
+        by = "one" if levels.steps is None else "a step"
+        return (
+            f"transformed up-down, for {tracks} alone. It begins at {number(levels.first or 0.0)}. "
+            f"{count(levels.down or 0, 'right answer')} in a row lower the level by {by}, a wrong one raises it"
+            f"{rises}, {stays}.{changes} After {count(levels.reversals or 0, 'change')} of direction no trial follows. "
+            "A trial that has an answer is not repeated"
+        )
+    of = {"quest-plus": "threshold, spread and lapses (QUEST+)", "psi": "threshold and spread (psi)"}[levels.method]
+    known = ""
+    if levels.precision_db is not None:
+        known = f" Once the threshold is known to {number(levels.precision_db)} dB no trial follows."
+    return (
+        f"for {tracks} alone: the level whose answer is expected to leave the least uncertain of {of}. All thresholds "
+        f"of {_numbers(levels.thresholds)}, spreads of {_numbers(levels.spreads_db)} dB and lapses of "
+        f"{_numbers(levels.lapses)} are as probable at first, and {number(levels.guess or 0.0)} of the answers are "
+        f"right without a stimulus. Answers move the level, {stays}.{known} A trial that has an answer is not repeated"
+    )
+
+
+def _numbers(values: tuple[float, ...] | None) -> str:
+    return ", ".join(map(number, values or ()))
 
 
 def advice(protocol: Protocol) -> Iterator[Finding]:

@@ -25,6 +25,10 @@ OLDER = (2, 3)
 """Formats in which the design was a part of the kind; `older` reads them."""
 
 
+def _since_7() -> Any:
+    return Field(None, json_schema_extra={"since": 7})
+
+
 class Study(Confined):
     """What the study is and where it was published.
 
@@ -229,20 +233,36 @@ class Levels(Confined):
     Each material of an identification, and each pair of a comparison, has its own track.
 
     Attributes:
-        method: transformed up-down (Levitt 1971): down after `down` right answers in a row, up after a wrong one.
+        method: `up-down` (Levitt 1971): `down` right answers in a row go a step down, a wrong one `up` steps up; or the
+            level expected to tell most of threshold, spread and lapses (`quest-plus`, Watson 2017), or of the first two
+            (`psi`, Prins 2013).
         grid: levels, rising; factors of every vibration.
-        first: starting level.
+        first: starting level of `up-down`.
         down: right answers in a row that lower the level: 2 for 70.7 % right, 3 for 79.4 %.
         reversals: changes of direction that end a track, unless repetitions end first.
+        up: steps that a wrong answer raises the level by (Kaernbach 1991); 3 with a `down` of 1 for 75 %.
+        steps: levels in a step, from one reversal to the next; the last stays.
+        thresholds: possible levels at which half of what is not guessed is right, equally probable, as the next two.
+        spreads_db: possible distances from there to 84 %.
+        lapses: possible shares of trials missed at any level.
+        guess: share right without a stimulus.
+        precision_db: standard deviation of the threshold that ends a track.
     """
 
     RULES: ClassVar[Rules] = rules.levels
 
-    method: Literal["up-down"]
+    method: Literal["up-down", "quest-plus", "psi"]
     grid: Annotated[tuple[Annotated[float, Field(gt=0, le=1)], ...], Field(min_length=2)]
-    first: Annotated[float, Field(gt=0, le=1)]
-    down: Annotated[int, Field(ge=1, le=10)]
-    reversals: Annotated[int, Field(ge=1, le=100)]
+    first: Annotated[float, Field(gt=0, le=1)] | None = None
+    down: Annotated[int, Field(ge=1, le=10)] | None = None
+    reversals: Annotated[int, Field(ge=1, le=100)] | None = None
+    up: Annotated[int, Field(ge=1, le=10)] | None = _since_7()
+    steps: Annotated[tuple[Annotated[int, Field(ge=1, le=100)], ...], Field(min_length=1)] | None = _since_7()
+    thresholds: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=2)] | None = _since_7()
+    spreads_db: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)] | None = _since_7()
+    lapses: Annotated[tuple[Annotated[float, Field(ge=0, lt=0.5)], ...], Field(min_length=1)] | None = _since_7()
+    guess: Annotated[float, Field(ge=0, lt=1)] | None = _since_7()
+    precision_db: Annotated[float, Field(gt=0)] | None = _since_7()
 
 
 class Task(Confined):

@@ -73,13 +73,32 @@ def order(table: Table) -> Iterator[Broken]:
         yield Broken(("max_run",), f"no value: only kind 'max-run' has this key, kind '{kind}' does not")
 
 
+UP_DOWN = ("first", "down", "reversals"), ("up", "steps")
+EXPECTED = ("thresholds", "spreads_db", "lapses", "guess"), ("precision_db",)
+"""Keys that a method of levels needs, and that it takes."""
+
+
 def levels(table: Table) -> Iterator[Broken]:
-    """`grid` rises, and `first` is one of its levels."""
-    grid, first = list_at(table, "grid"), number_at(table, "first")
-    if all(map(is_number, grid)) and any(high <= low for low, high in pairwise(grid)):
-        yield Broken(("grid",), "levels that rise, each above the one before")
+    """`grid`, `thresholds`, `spreads_db` and `lapses` rise, `first` is one of `grid`, and `steps` do not rise.
+
+    `up-down` needs `first`, `down` and `reversals`, and alone has `up` and `steps`; `quest-plus` and `psi` need
+    `thresholds`, `spreads_db`, `lapses` and `guess`, and alone have `precision_db`.
+    """
+    method, grid, first = table.get("method"), list_at(table, "grid"), number_at(table, "first")
+    for key in ("grid", "thresholds", "spreads_db", "lapses"):
+        if all(map(is_number, of := list_at(table, key))) and any(high <= low for low, high in pairwise(of)):
+            yield Broken((key,), "levels that rise, each above the one before")
+    if all(map(is_number, steps := list_at(table, "steps"))) and any(late > early for early, late in pairwise(steps)):
+        yield Broken(("steps",), "steps of which none is longer than the one before")
     if grid and first is not None and first not in grid:
         yield Broken(("first",), f"one of grid: {', '.join(map(str, grid))}")
+    if method not in ("up-down", "quest-plus", "psi"):
+        return
+    own, others = (UP_DOWN, EXPECTED) if method == "up-down" else (EXPECTED, UP_DOWN)
+    yield from (Broken((key,), f"a value: '{method}' needs it") for key in own[0] if table.get(key) is None)
+    for key in (*others[0], *others[1]):
+        if table.get(key) is not None:
+            yield Broken((key,), f"no value: '{method}' does not use it")
 
 
 def exclusion_rule(table: Table) -> Iterator[Broken]:

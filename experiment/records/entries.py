@@ -195,11 +195,11 @@ class LevelChosen(OfAttempt):
 
 
 class TrackEnded(Entry):
-    """A track has no further trial: it had its reversals, or all of its trials have an answer."""
+    """A track has no further trial: it had its reversals, its threshold is known, or all its trials have an answer."""
 
     kind: Literal["track"] = "track"
     track: str
-    why: Literal["reversals", "trials"]
+    why: Literal["reversals", "trials", "precision"]
 
 
 class Armed(OfAttempt):

@@ -57,10 +57,13 @@ def write_dataset(
     session_ids: Mapping[tuple[str, str], str] | None = None,
     answers: Sequence[str] | None = None,
     presented: Mapping[str, tuple[str, ...]] | None = None,
+    kind: str | None = None,
+    design: str | None = None,
 ) -> Path:
     """A dataset of participant -> task -> rows of its events; `session_ids` of participant and task.
 
-    With `answers` its trials are comparisons; `presented` are the materials of tasks that do not present all.
+    With `answers` its trials are comparisons, unless it has a `kind` and a `design`; `presented` are the materials of
+    tasks that do not present all.
     """
     text = DatasetText(
         study=study,
@@ -85,8 +88,8 @@ def write_dataset(
                 stimulus_presentation={"SoftwareName": "palpate"},
                 origin=origin,
                 session_id=(session_ids or {}).get((label, task)),
-                kind="footstep" if answers is None else "tapping",
-                design="identification" if answers is None else "comparison",
+                kind=kind or ("footstep" if answers is None else "tapping"),
+                design=design or ("identification" if answers is None else "comparison"),
                 answers={answer: f"the {answer}" for answer in answers or ()},
                 presented=(presented or {}).get(task),
             )

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 from palpate.experiment.settings.load import Broken, Confined, Table
 
-Design = Literal["identification", "comparison"]
+Design = Literal["identification", "comparison", "rating"]
 """Every design."""
 
 NAMES: tuple[Design, ...] = get_args(Design)
@@ -56,7 +56,7 @@ class ProtocolDesign:
         answers: what each answer key stands for in a trial; of one that is laid out, with what lies there in order.
         named: what each answer names that is no material, as a dataset says it.
         presents: what a task presents, as a dataset says it.
-        right: whether an answer is right, to what was presented in this order.
+        right: whether an answer is right, to what was presented in this order; None where none is right or wrong.
         shown: the answers that the participant's screen names.
         keys: places of keys that must be unlike all others, each with its key.
     """
@@ -69,9 +69,9 @@ class ProtocolDesign:
     answers: Callable[[Any, Sequence[str]], Mapping[str, Meaning]]
     named: Callable[[Any], Mapping[str, str]] = lambda _: {}
     presents: Callable[[Any, Any], str]
-    right: Callable[[Any, Sequence[str], str], bool]
+    right: Callable[[Any, Sequence[str], str], bool] | None = None
     shown: Callable[[Any], tuple[str, ...]]
-    keys: Callable[[Table], Sequence[tuple[tuple[str, ...], object]]] = lambda _: ()
+    keys: Callable[[Table], Sequence[tuple[tuple[str | int, ...], object]]] = lambda _: ()
 
 
 def design_of(name: str) -> ProtocolDesign:

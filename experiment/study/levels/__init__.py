@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from palpate.experiment.findings import Finding
 from palpate.experiment.protocol import models
@@ -24,6 +24,10 @@ RESTORE = "restore the journal from a backup"
 class Method(Protocol):
     """How the levels of one track follow from its answers; a state is immutable, and its own."""
 
+    @property
+    def ends(self) -> Literal["reversals", "precision"]:
+        """Why it ends a track that has trials left."""
+
     def init(self) -> Any:
         """Return the state before the first answer."""
 
@@ -32,6 +36,9 @@ class Method(Protocol):
 
     def level(self, state: Any) -> float | None:
         """Return the level of the next trial; None after the last one."""
+
+    def allows(self, state: Any, level: float) -> bool:
+        """Return whether a level that is on record may be that of the next trial."""
 
 
 @dataclass(frozen=True)
@@ -43,16 +50,17 @@ class Tracks:
 
     def upcoming(self, done: Progress) -> Iterator[LevelChosen | TrackEnded]:
         """Yield what goes on record before the next attempt: each track that has ended, then the attempt's level."""
-        levels = self._levels(done)
-        for track, level in levels.items():
+        method, states = method_of(self.task), self._states(done)
+        for track, state in states.items():
             if track in done.ended:
                 continue
-            if level is None or all(planned.track != track for planned in done.remaining):
-                entry = TrackEnded(track=track, why="reversals" if level is None else "trials")
+            is_over = method.level(state) is None
+            if is_over or all(planned.track != track for planned in done.remaining):
+                entry = TrackEnded(track=track, why=method.ends if is_over else "trials")
                 yield entry
                 done = done.after(entry)
         for planned in done.remaining[:1]:
-            attempt, level = done.attempts.get(planned.trial, 0) + 1, levels[planned.track]
+            attempt, level = done.attempts.get(planned.trial, 0) + 1, method.level(states[planned.track])
             if level is not None:
                 yield LevelChosen(trial=planned.trial, attempt=attempt, track=planned.track, level=level)
 
@@ -62,7 +70,7 @@ class Tracks:
         for line, entry in enumerate(recorded[1:], start=2):
             if isinstance(entry, LevelChosen | TrackEnded):
                 expected = next(self.upcoming(done), None)
-                if entry != expected:
+                if not self._follows(entry, expected, done):
                     allowed = "nothing" if expected is None else _described(expected)
                     what = f"has {_described(entry)}, which does not follow from the answers before"
                     yield Finding(what, path, line=line, allowed=allowed, remedy=RESTORE)
@@ -76,17 +84,25 @@ class Tracks:
                 yield Finding(f"ends without {_described(left)}", path, line=line, remedy=RESTORE)
             done = done.after(entry)
 
-    def _levels(self, done: Progress) -> dict[str, float | None]:
-        """Return the next level of each track, in the order of their names."""
+    def _follows(self, entry: Entry, expected: LevelChosen | TrackEnded | None, done: Progress) -> bool:
+        if entry == expected:
+            return True
+        if not isinstance(entry, LevelChosen) or not isinstance(expected, LevelChosen):
+            return False
+        is_same = entry.model_copy(update={"level": expected.level}) == expected
+        return is_same and method_of(self.task).allows(self._states(done)[entry.track], entry.level)
+
+    def _states(self, done: Progress) -> dict[str, Any]:
+        """Return the state of each track, in the order of their names."""
         method = method_of(self.task)
         states = {track: method.init() for track in sorted({planned.track for planned in done.header.order})}
         right, planned = design_of(self.task.design).right, {one.trial: one for one in done.header.order}
         for trial, answered in done.said:
-            if answered is not None and trial in done.levels:
+            if right is not None and answered is not None and trial in done.levels:
                 one: PlannedTrial = planned[trial]
                 is_right = right(self.protocol, one.presented, answered)
                 states[one.track] = method.step(states[one.track], level=done.levels[trial], right=is_right)
-        return {track: method.level(state) for track, state in states.items()}
+        return states
 
 
 def method_of(task: models.Task) -> Method:

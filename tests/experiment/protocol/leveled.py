@@ -18,6 +18,17 @@ GRID = tuple(round(10 ** (place / 10 - 3), 6) for place in range(21))
 LEVELS: dict[str, Any] = {"method": "up-down", "grid": list(GRID), "first": GRID[12], "down": 2, "reversals": 12}
 STEPS: dict[str, Any] = {"method": "up-down", "grid": [0.125, 0.25, 0.5, 1.0], "first": 1.0, "down": 2, "reversals": 4}
 
+WEIGHTED: dict[str, Any] = STEPS | {"down": 1, "up": 3, "steps": [2, 1]}
+EXPECTED: dict[str, Any] = {
+    "method": "quest-plus",
+    "grid": [0.125, 0.25, 0.5, 1.0],
+    "thresholds": [0.25, 0.375],
+    "spreads_db": [2.5, 6.5],
+    "lapses": [0.0, 0.0625],
+    "guess": 0.5,
+    "precision_db": 1.5,
+}
+
 
 def tapping() -> dict[str, Any]:
     """The virtual task of Wellman and Howe with basswood and aluminum, so that one pair is the one track."""
@@ -26,9 +37,10 @@ def tapping() -> dict[str, Any]:
     return study
 
 
-def footsteps() -> dict[str, Any]:
+def footsteps(levels: dict[str, Any] = STEPS) -> dict[str, Any]:
     """The virtual task of Okamoto et al. with two materials, each a track of its own."""
-    return _of("okamoto2012.toml", ("copy paper", "aluminum foil"), STEPS, repetitions=12)
+    study = _of("okamoto2012.toml", ("copy paper", "aluminum foil"), levels, repetitions=12)
+    return study | {"format": 5 if levels is STEPS else 7}
 
 
 def _of(file: str, materials: tuple[str, ...], levels: dict[str, Any], repetitions: int) -> dict[str, Any]:

@@ -1,0 +1,60 @@
+"""Psychometric functions against R's glm and optim, and their intervals on simulated answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.psychophysics.psychometric import fit, mean, psychometric
+
+X = np.array([-24.0, -20, -16, -12, -8, -4])
+TRIALS = np.full(6, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("right", "guess", "printed"),
+    [
+        # R 4.2.2: glm(cbind(k, 30 - k) ~ x, family = binomial(probit)): -b0/b1 and 1/b1.
+        ([2, 6, 13, 22, 28, 30], 0.0, (-15.55291176, 5.15132268)),
+        # The same with psyphy 0.2.3's link mafc.probit(2), whose guesses are half of the answers.
+        ([16, 18, 22, 26, 29, 30], 0.5, (-15.49315538, 4.90120209)),
+    ],
+)
+def test_without_lapses_the_mode_is_what_r_fits(right: list[int], guess: float, printed: tuple[float, float]) -> None:
+    found = fit(X, np.array(right, dtype=float), TRIALS, guess=guess, lapse=0.0)
+    assert found.mode[:2] == pytest.approx(printed, abs=2e-5)
+    assert found.mode[2] == found.lapse.value == 0.0
+    assert found.threshold.low < printed[0] < found.threshold.high
+
+
+def test_of_many_trials_the_posterior_is_what_r_says_of_its_estimates() -> None:
+    """R 4.2.2: the first of the data above a hundred times over; the error of -b0/b1 from vcov, by the delta method."""
+    found = fit(X, np.array([200.0, 600, 1300, 2200, 2800, 3000]), TRIALS * 100, guess=0.0, lapse=0.0)
+    assert found.threshold.value == pytest.approx(-15.5529, abs=0.01)
+    assert (found.threshold.high - found.threshold.low) / 2 == pytest.approx(1.96 * 0.0629049556614, rel=0.02)
+
+
+def test_lapses_and_a_steep_function_are_told_apart() -> None:
+    x = np.arange(-30.0, 1.0, 3)
+    right = np.round(psychometric(x, -16.0, 3.0, 0.5, 0.05) * 400)
+    found = fit(x, right, np.full(len(x), 400.0), guess=0.5)
+    assert found.threshold.value == pytest.approx(-16.0, abs=0.2)
+    assert found.spread.value == pytest.approx(3.0, abs=0.3)
+    assert found.lapse.value == pytest.approx(0.05, abs=0.01)
+    assert found.jnd.value == pytest.approx(0.67449 * found.spread.value, rel=1e-5)
+    assert not found.at_bound
+
+
+def test_what_the_levels_do_not_reach_is_said() -> None:
+    assert fit(X, TRIALS, TRIALS, guess=0.5).at_bound
+    with pytest.raises(NotDefined):
+        fit(X[:1], TRIALS[:1], TRIALS[:1], guess=0.5)
+
+
+def test_the_mean_over_participants_has_students_interval() -> None:
+    """R 4.2.2: t.test(c(-15.5, -14, -17.25, -16))."""
+    found = mean(np.array([-15.5, -14.0, -17.25, -16.0]))
+    assert found.n == 4
+    assert (found.value, found.low, found.high) == pytest.approx((-15.6875, -17.82667, -13.54833), abs=1e-5)
+    assert mean(np.array([3.0])).low is None
