@@ -72,9 +72,11 @@ class Eligibility(Confined):
 
     Attributes:
         criteria: one sentence for each condition.
+        confirmed: whether the experimenter confirms each before the first session, on record.
     """
 
     criteria: Annotated[tuple[Text, ...], Field(min_length=1)]
+    confirmed: bool = Field(False, json_schema_extra={"since": 7})
 
 
 class Consent(Confined):

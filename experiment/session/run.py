@@ -97,7 +97,7 @@ def run(
         raise RigError(rig_file, "the rig is simulated", rehearse)
     for one in protocol.tasks:
         session_kind(one).check_rig(protocol, rig, today)
-    if not _lacks_consent(root, protocol, participant):
+    if not _is_asked_first(root, protocol, participant):
         _check_roster(root, protocol_file, protocol, participant, today)
     seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
     purpose = enrolment.purpose_of(root)
@@ -111,13 +111,14 @@ def run(
     left = tuple(task for task in allocation.tasks if not _is_over(root, protocol_file, allocation, task, today))
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, protocol_file, allocation, tasks[0], today)
-    if not _lacks_consent(root, protocol, participant):
+    if not _is_asked_first(root, protocol, participant):
         admit(root, protocol_file, protocol, allocation, tasks[0], str(rig_file), today)
     synthesised = [task for task in tasks if scene.plan(protocol=protocol, task_id=task).synthesis]
     for kind in {session_kind(protocol.task(task)): None for task in synthesised}:
         recordings = kind.real_recordings(root, recordings, protocol)
     _judge_rig(protocol, rig, rig_file, recordings, tasks, console)
     visit.ask_first(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
+    visit.ask_first(console, lambda: _ask_criteria(root, protocol, participant, console))
     visit.ask_first(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = admit(root, protocol_file, protocol, allocation, tasks[0], str(rig_file), today).roster
     # The seal of the first session stays in the dataset, and shows under which approval it was begun.
@@ -275,6 +276,33 @@ def _lacks_consent(root: Path, protocol: Protocol, participant: str) -> bool:
     known = roster.Roster.load(storage.roster_path(root))
     lacks = participant in known.consent_on and known.consent_on[participant] is None
     return protocol.consent.required and lacks and participant not in known.withdrawn
+
+
+def _is_asked_first(root: Path, protocol: Protocol, participant: str) -> bool:
+    """Return whether consent or the criteria of an enrolled participant are asked about before anything else is."""
+    return _lacks_consent(root, protocol, participant) or _lacks_criteria(root, protocol, participant)
+
+
+def _lacks_criteria(root: Path, protocol: Protocol, participant: str) -> bool:
+    known = roster.Roster.load(storage.roster_path(root))
+    admitted = participant in known.consent_on and participant not in known.withdrawn
+    return admitted and not known.is_confirmed(participant, protocol)
+
+
+def _ask_criteria(root: Path, protocol: Protocol, participant: str, console: Console) -> None:
+    """Have each criterion confirmed, and that they are met recorded. Raises `RosterError` where one is not."""
+    if not _lacks_criteria(root, protocol, participant):
+        return
+    criteria = protocol.eligibility.criteria
+    for number, criterion in enumerate(criteria, start=1):
+        of = f"Criterion {number} of {len(criteria)}"
+        text = f"{of}: {' '.join(criterion.split())} Does participant {participant} meet it?"
+        if console.ask(Agree(text, "yes, they meet it", "no, or not known")).key != YES:
+            what = f"participant {participant} does not meet criterion {number}; nothing was begun or recorded"
+            remedy = "withdraw them with a reason that names no state of health, or ask again another day"
+            raise RosterError(what, remedy=remedy)
+    known = roster.Roster.continued(storage.roster_path(root))
+    known.confirm(participant, criteria, day(wall_ns()))
 
 
 def _ask_consent(root: Path, protocol_file: Path, protocol: Protocol, participant: str, console: Console) -> None:

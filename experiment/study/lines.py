@@ -1,5 +1,7 @@
-"""Lines of the roster that name nobody, or nobody by more than a label: adverse events, and deviations."""
+"""Lines of the roster beside enrolment and consent: adverse events and deviations, and who meets the criteria."""
 
+import hashlib
+from collections.abc import Iterable
 from datetime import date
 from typing import Annotated, Literal
 
@@ -30,6 +32,24 @@ class Incident(Entry):
         """All of it in words."""
         board = f"board informed on {self.informed_on}" if self.informed_on else "the board is not informed yet"
         return f"{self.kind.capitalize()} {self.number}, {self.happened_on}: {self.what} Done: {self.done} ({board})"
+
+
+class Eligible(Entry):
+    """A participant meets every criterion, each confirmed by itself; whoever does not has no such line.
+
+    The hash is that of the criteria, as `criteria_sha256` has it: others are confirmed anew.
+    """
+
+    kind: Literal["eligible"] = "eligible"
+    participant: str
+    criteria: Annotated[int, Field(ge=1)]
+    criteria_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    confirmed_on: date
+
+
+def criteria_sha256(criteria: Iterable[str]) -> str:
+    """Return the SHA-256 of these criteria, one a line, 64 hexadecimal digits."""
+    return hashlib.sha256("\n".join(" ".join(one.split()) for one in criteria).encode()).hexdigest()
 
 
 class Informed(Entry):

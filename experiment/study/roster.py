@@ -26,7 +26,7 @@ from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import VISIBLE, Line
 from palpate.experiment.study.approvals import Approvals, Approved, Stopped
-from palpate.experiment.study.lines import Incident, Informed
+from palpate.experiment.study.lines import Eligible, Incident, Informed, criteria_sha256
 from palpate.experiment.study.schedule import labels, stranger
 
 FORMAT: Literal[2] = 2
@@ -133,7 +133,8 @@ AnyEntry = Annotated[
     | Approved
     | Stopped
     | Incident
-    | Informed,
+    | Informed
+    | Eligible,
     Field(discriminator="kind"),
 ]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
@@ -150,8 +151,8 @@ class Roster:
     `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line has it; None in a study
     that began before such lines. `approved` are the approvals after the first, `stopped` what suspended or ended them,
     and `consented` the number of the approval to whose version each participant consented. `consents` has the days of
-    all their consents, as corrected. `incidents` are adverse events and deviations, which name nobody. `now_ns` tells
-    the time of a new line.
+    all their consents, as corrected. `incidents` are adverse events and deviations, which name nobody. `eligible` has
+    the hash of the criteria that each participant was confirmed to meet. `now_ns` tells the time of a new line.
     """
 
     path: Path
@@ -166,6 +167,7 @@ class Roster:
     consented: dict[str, int] = field(default_factory=dict)
     consents: dict[str, list[date]] = field(default_factory=dict)
     incidents: list[Incident] = field(default_factory=list)
+    eligible: dict[str, str] = field(default_factory=dict)
     seed_sha256: str | None = None
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
@@ -230,6 +232,17 @@ class Roster:
         """Record whether spoken answers may be kept from now on. Raises `RosterError` if not enrolled, or withdrawn."""
         self._append(Voices, participant=participant, agreed=agreed, told_on=today)
 
+    def confirm(self, participant: str, criteria: tuple[str, ...], today: date) -> None:
+        """Record that each of these criteria is met. Raises `RosterError` if not enrolled, or withdrawn."""
+        sha256 = criteria_sha256(criteria)
+        facts = {"participant": participant, "criteria": len(criteria), "criteria_sha256": sha256}
+        self._append(Eligible, **facts, confirmed_on=today)
+
+    def is_confirmed(self, participant: str, protocol: Protocol) -> bool:
+        """Return whether a participant may take part by the criteria, or nobody has to confirm these."""
+        wanted = protocol.eligibility
+        return not wanted.confirmed or self.eligible.get(participant) == criteria_sha256(wanted.criteria)
+
     def withdraw(self, participant: str, reason: str) -> None:
         """Record a withdrawal, with a reason of one line. Raises `RosterError` for a bad reason or if not active."""
         self._append(Withdrawn, participant=participant, reason=reason)
@@ -290,6 +303,9 @@ class Roster:
             raise RosterError(
                 f"participant {participant} has not consented", remedy="record their consent before the session"
             )
+        if not self.is_confirmed(participant, protocol):
+            what = f"it is not confirmed that participant {participant} meets the criteria"
+            raise RosterError(what, remedy="palpate run asks for each before the session")
         check_consent(participant, consent_on, approved_on=approved_on, today=today)
 
     @classmethod
@@ -384,8 +400,11 @@ class Roster:
         if isinstance(entry, Withdrawn):
             self.withdrawn[participant] = entry.reason
             return
-        if isinstance(entry, Voices):
-            self.voices[participant] = entry.agreed
+        if isinstance(entry, Voices | Eligible):
+            if isinstance(entry, Voices):
+                self.voices[participant] = entry.agreed
+            else:
+                self.eligible[participant] = entry.criteria_sha256
             return
         self._apply_consent(entry, known)
 

@@ -176,6 +176,11 @@ def _participants(protocol: Protocol) -> Iterator[Block]:
     )
     for criterion in protocol.eligibility.criteria:
         yield Quoted(criterion, item=True)
+    if protocol.eligibility.confirmed:
+        yield Said(
+            "The experimenter confirms each of them before a participant's first session. That all are met is on "
+            "record; who does not meet one is not run, and which one it was is not recorded."
+        )
     yield Gap()
     if protocol.consent.required:
         yield Said(
