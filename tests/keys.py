@@ -97,8 +97,8 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
         stated = " ".join(part for part in (allowed, default) if part)
         rows.append(f"`{name}`{optional}: {said[name]}{f' ({stated})' if stated else ''}")
     rows += [f"Tables: {', '.join(tables)}"] if tables else []
-    heading = f"### {_header(path)}" if path else "### The top level"
-    parts = [heading, summary(model), "\\\n".join(rows)]
+    heading = f"**{_header(path)}** " if path else ""
+    parts = [heading + summary(model), "\\\n".join(rows)]
     rules = [model.RULES] if model.RULES is not none else []
     if model is ProtocolFile:
         rules += [

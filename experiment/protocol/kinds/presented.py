@@ -22,9 +22,9 @@ class Sinusoid(Confined):
     """A sinusoid, which begins at zero.
 
     Attributes:
-        frequency_hz: its frequency.
-        amplitude_m_s2: its peak.
-        lasts_s: how long it lasts.
+        frequency_hz: frequency.
+        amplitude_m_s2: peak.
+        lasts_s: duration.
     """
 
     frequency_hz: Hertz
@@ -36,10 +36,10 @@ class Decaying(Confined):
     """A sinusoid that fades from its beginning, by exp(-t B).
 
     Attributes:
-        frequency_hz: its frequency.
-        amplitude_m_s2: its peak, if it did not fade.
-        decay_per_s: B, how fast it fades.
-        lasts_s: how long it lasts.
+        frequency_hz: frequency.
+        amplitude_m_s2: peak, without decay.
+        decay_per_s: B.
+        lasts_s: duration.
     """
 
     frequency_hz: Hertz
@@ -56,14 +56,14 @@ def _noise_rules(table: Table) -> Iterator[Broken]:
 
 
 class Noise(Confined):
-    """A burst of noise, equally strong at all frequencies of a band, and the same whenever it is played.
+    """A burst of noise, even over a band, the same whenever it is played.
 
     Attributes:
-        low_hz: where the band begins.
-        high_hz: where it ends.
-        rms_m_s2: its rms.
-        seed: from which its phases are drawn; another one is another burst.
-        lasts_s: how long it lasts.
+        low_hz: start of the band.
+        high_hz: its end.
+        rms_m_s2: rms.
+        seed: of its phases.
+        lasts_s: duration.
     """
 
     RULES: ClassVar[Rules] = _noise_rules
@@ -79,11 +79,11 @@ class Sweep(Confined):
     """A sinusoid whose frequency goes from one to another.
 
     Attributes:
-        from_hz: the first frequency.
-        to_hz: the last one.
-        amplitude_m_s2: its peak.
-        by: by even `hertz`, or by even `octaves`.
-        lasts_s: how long it lasts.
+        from_hz: first frequency.
+        to_hz: last.
+        amplitude_m_s2: peak.
+        by: even steps in these.
+        lasts_s: duration.
     """
 
     from_hz: Hertz
@@ -103,13 +103,13 @@ def _pulses_rules(table: Table) -> Iterator[Broken]:
 
 
 class Pulses(Confined):
-    """A train of pulses, each one whole cycle of a sinusoid, for a panel that cannot move on and on.
+    """A train of pulses, each one cycle of a sinusoid.
 
     Attributes:
-        every_s: from one pulse to the next.
-        cycle_hz: the frequency of the cycle.
-        amplitude_m_s2: its peak.
-        lasts_s: how long the train lasts; only pulses that end by then are played.
+        every_s: from pulse to pulse.
+        cycle_hz: frequency of a cycle.
+        amplitude_m_s2: peak.
+        lasts_s: duration; only pulses that end by then are played.
     """
 
     RULES: ClassVar[Rules] = _pulses_rules
@@ -121,10 +121,10 @@ class Pulses(Confined):
 
 
 class Silence(Confined):
-    """Nothing: a gap in a stimulus, or a stimulus that is none.
+    """A gap, or no stimulus.
 
     Attributes:
-        lasts_s: how long it lasts.
+        lasts_s: duration.
     """
 
     lasts_s: Lasts
@@ -149,7 +149,7 @@ class Part(Confined):
     """A part of a stimulus, which follows the one before without a gap: one wave.
 
     Attributes:
-        ramp_s: for so long it rises from nothing, and falls to nothing, as a raised cosine does.
+        ramp_s: rise and fall, a raised cosine.
         sinusoid: a sinusoid.
         decaying: a sinusoid that fades.
         noise: a burst of noise in a band.
@@ -201,12 +201,10 @@ class Presented(KindTable):
     """What trials of the kind `presented` need.
 
     Attributes:
-        set_off: who sets a trial's stimuli off: the experimenter's key, the participant's, or the clock.
-        gap_s: the least time between an answer and the next stimulus.
-        pause_s: the time between two stimuli of a trial, from the end of one to the beginning of the next; a design
-            with several needs it.
-        left_out_max: the largest share of a stimulus (rms) that a rig may leave out; no participant is run on one that
-            leaves out more, or of which nobody knows.
+        set_off: whose key sets stimuli off, or the clock.
+        gap_s: least time from an answer to the next stimulus.
+        pause_s: between stimuli of a trial, if there are several.
+        left_out_max: largest share (rms) of a stimulus a rig may leave out; others, and unmeasured ones, are refused.
         stimuli: what is played for each material.
     """
 
