@@ -1,4 +1,4 @@
-"""Random histories of a study: enrolment, approvals, consent, sessions, withdrawal and kills, all SIMULATED.
+"""Random histories of a study: enrolment, approvals, consent, sessions, events, withdrawal, kills, all SIMULATED.
 
 Each attempt at a session is compared with a naive model of the rules, which keeps nothing but a list of what happened.
 `python -m tests.experiment.study.histories 200` runs so many, and prints what they held.
@@ -38,6 +38,7 @@ from palpate.experiment.settings import load
 from palpate.experiment.settings.load import read
 from palpate.experiment.study import amendment, approvals, enrolment, withdrawal
 from palpate.experiment.study.admission import Admission, admit
+from palpate.experiment.study.people import incidents
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import Allocation, allocated, find_allocation
 
@@ -143,7 +144,7 @@ class World:
         self.patch.setattr(files, "load", lambda path: _read_version(path.read_bytes()))
         self.patch.setattr(approval, "sha256", cache(approval.sha256))
         self.patch.setattr(load, "_document", _document_of(load._document))
-        for module in (enrolment, amendment):
+        for module in (enrolment, amendment, incidents):
             self.patch.setattr(module, "wall_ns", self.now_ns)
         append = Roster._append
 
@@ -199,7 +200,7 @@ class World:
 
     def step(self) -> None:
         self.day += timedelta(days=self.draw.choice((0, 0, 1, 3, 11)))
-        weights = {"enrol": 4, "consent": 3, "session": 12, "amend": 2, "renew": 2, "stop": 2, "withdraw": 1}
+        weights = {"enrol": 4, "consent": 3, "session": 12, "amend": 2, "renew": 2, "stop": 2, "withdraw": 1, "tell": 1}
         event = self.draw.choices(list(weights), list(weights.values()))[0]
         if event != "enrol" and not storage.roster_path(self.root).exists():
             return
@@ -295,6 +296,12 @@ class World:
         self.model.gone.add(who)
         self.seen["withdrawal"] += 1
 
+    def tell(self) -> None:
+        """An adverse event; it is there to the end, whoever withdraws."""
+        protocol = files.load(storage.protocol_path(self.root))
+        incidents.report(protocol, self.root, "adverse event", what="A fall.", done="A pause.")
+        self.seen["adverse event"] += 1
+
     def allocation(self, who: str) -> Allocation:
         protocol = files.load(storage.protocol_path(self.root))
         return find_allocation(allocated(protocol, 7, {}), who)
@@ -386,6 +393,7 @@ class World:
         for place in range(0, len(orders) - 1, TASKS):
             assert orders[place] != orders[place + 1]
         dataset = checks.load(self.root)
+        assert len(dataset.people.incidents) == self.seen["adverse event"]
         found = [one.sentence() for one in checks.findings(dataset)]
         assert found == [], found
         told = list(verify._without_approval(dataset, dataset.approvals)) if dataset.approvals else []
