@@ -65,7 +65,8 @@ class ScreenWords(Confined):
         loudest: at the limit.
         audible: not enough even there (louder key).
         rest: the tracker is zeroed.
-        ready: a trial is armed.
+        ready: a step is armed.
+        coming: another trial is.
         again: armed after a step that did not count.
         answer: the answer is awaited.
         compare: same, two samples.
@@ -94,6 +95,7 @@ class ScreenWords(Confined):
     audible: Line = "I still hear it"
     rest: Line = "Rest your foot still on the panel."
     ready: Line = "You may step."
+    coming: Line = Field("Feel what comes.", json_schema_extra={"since": 6})
     again: Line = "That step did not count. Lift your foot, then step once more."
     answer: Line = "Say aloud what you felt."
     compare: Line = "Feel both, as often as you wish. Then say your answer aloud."

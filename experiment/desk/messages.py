@@ -203,7 +203,9 @@ class View(Message):
 Label = Literal["", "PRACTICE", "PILOT", "REHEARSAL"]
 """What every screen says that shows no session of a study."""
 
-Show = Literal["wait", "instructions", "masker", "rest", "ready", "answer", "compare", "break", "finished", "thanks"]
+Show = Literal[
+    "wait", "instructions", "masker", "rest", "ready", "coming", "answer", "compare", "break", "finished", "thanks"
+]
 """What the participant's screen may show: a closed list, so that nothing else can reach it."""
 
 

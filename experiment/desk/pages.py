@@ -130,6 +130,8 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
             return words.rest
         case "ready":
             return f"{prompt.text}\n\n{words.again if prompt.again else words.ready}".strip()
+        case "coming":
+            return f"{prompt.text}\n\n{words.coming}".strip()
         case "answer":
             return "\n".join((words.answer, *prompt.answers))
         case "compare":

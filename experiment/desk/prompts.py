@@ -8,7 +8,7 @@ masker was played, the end of a break, a fault at the end, and the label of a pr
 from typing import get_args
 
 from palpate.experiment.desk.messages import ENTER, Asked, Label, Prompt, Show, View
-from palpate.experiment.desk.questions import DEBRIEFING
+from palpate.experiment.desk.questions import DEBRIEFING, STEP
 from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
@@ -24,7 +24,7 @@ AT_QUESTION: dict[str, Show] = {
     "say": "wait",
     "rest": "rest",
     "place": "wait",
-    "play": "ready",
+    "play": "coming",
     "answer": "answer",
     "confirm": "answer",
     "debrief": "finished",
@@ -32,6 +32,9 @@ AT_QUESTION: dict[str, Show] = {
     "continue": "break",
 }
 """What is shown while the experimenter is asked a question of this kind."""
+
+LIT = ("instructions", "ready", "coming", "answer", "compare")
+"""Where the lamp is shown that says that the hand is too fast."""
 
 IN_STATE: dict[str, Show] = {
     "familiarising": "instructions",
@@ -56,14 +59,14 @@ def prompt(view: View, answers: tuple[str, ...]) -> Prompt:
     number, keys = _offered(asked)
     return Prompt(
         show=show,
-        text=view.instruction if show in ("wait", "instructions", "ready", "compare") else "",
+        text=view.instruction if show in ("wait", "instructions", "ready", "coming", "compare") else "",
         again=bool(view.again) and show == "ready",
         unplayed=show == "masker" and asked is not None and PROBE_KEY not in {one.key for one in asked.choices},
         answers=answers if show in ("answer", "compare") else (),
         question=number,
         keys=keys,
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
-        lamp=gauges.too_fast if gauges is not None and show in ("instructions", "ready", "answer", "compare") else None,
+        lamp=gauges.too_fast if gauges is not None and show in LIT else None,
         second=gauges.second if gauges is not None and show == "compare" else None,
         hand_mm=gauges.hand_mm if gauges is not None and show == "instructions" else None,
         unmasked=view.masked and show in ("finished", "thanks"),
@@ -80,6 +83,8 @@ def _show(view: View) -> Show:
         show = "wait"
     if asked is None and view.state == "armed" and gauges is not None and gauges.stepped:
         show = "answer"
+    if show == "ready" and view.may != STEP:
+        return "coming"
     if show == "answer" and view.at_will:
         return "compare"
     return "finished" if show == "wait" and view.step == DEBRIEFING else show

@@ -22,6 +22,9 @@ WITHOUT, STOP = "x", "s"
 MASKER = {LOUDER_KEY: "masker louder", SOFTER_KEY: "masker softer"}
 """Keys that change the masker's level, while it is chosen and at every answer."""
 
+STEP = "step"
+"""What the participant may do once a footstep is armed; their screen has words of its own for that."""
+
 DEBRIEFING = "debriefing"
 """The last step of a visit."""
 

@@ -47,6 +47,7 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
     ),
     "rest": (Prompt(show="rest"), "Rest your foot still on the panel."),
     "ready": (Prompt(show="ready"), "You may step."),
+    "another trial": (Prompt(show="coming", text="Say when."), "Say when.\n\nFeel what comes."),
     "ready for the first trial": (
         Prompt(show="ready", text="Step, and say what."),
         "Step, and say what.\n\nYou may step.",

@@ -36,6 +36,7 @@ from palpate.experiment.desk.messages import (
     Write,
 )
 from palpate.experiment.desk.questions import (
+    STEP,
     YES,
     Agree,
     Answered,
@@ -131,8 +132,8 @@ ORDER: tuple[tuple[str, Callable[[Desk], object], str, str], ...] = (
     ("level", level, "masker", "wait"),
     ("rest", lambda desk: desk.ask(Rest("")), "rest", "wait"),
     ("place", lambda desk: desk.ask(Place(1, ("foil",))), "wait", "wait"),
-    ("", lambda desk: desk.ask(Arm(1, 1, 4)).waited, "ready", "ready"),
-    ("play", lambda desk: desk.ask(Play(1, "experimenter")), "ready", "ready"),
+    ("", lambda desk: desk.ask(Arm(1, 1, 4, may=STEP)).waited, "ready", "ready"),
+    ("play", lambda desk: desk.ask(Play(1, "experimenter")), "coming", "ready"),
     (
         "answer",
         lambda desk: desk.ask(TrialAnswer(1, {"c": "copy paper"}, "n", {})).key,
@@ -141,10 +142,10 @@ ORDER: tuple[tuple[str, Callable[[Desk], object], str, str], ...] = (
     ),
     ("confirm", lambda desk: desk.ask(Confirm("c", "copy paper")).key == ENTER, "answer", "answer"),
     ("", lambda desk: desk.tell(Answered(1, "copy paper")), "wait", "wait"),
-    ("", lambda desk: desk.ask(Arm(2, 1, 4)).waited, "ready", "ready"),
+    ("", lambda desk: desk.ask(Arm(2, 1, 4, may=STEP)).waited, "ready", "ready"),
     ("", lambda desk: desk.tell(Silent()), "wait", "wait"),
     ("rest", lambda desk: desk.ask(Rest("")), "rest", "wait"),
-    ("", lambda desk: desk.ask(Arm(2, 2, 4)).waited, "ready", "ready"),
+    ("", lambda desk: desk.ask(Arm(2, 2, 4, may=STEP)).waited, "ready", "ready"),
     ("", lambda desk: desk.attend(None), "wait", "wait"),
     ("continue", lambda desk: desk.ask(GoOn("It paused.", begun=True)).key == ENTER, "break", "wait"),
     ("debrief", lambda desk: desk.ask(Debrief()), "finished", "finished"),
@@ -255,7 +256,7 @@ def test_the_same_look_keeps_its_number_and_another_gets_its_own(desk: Desk, asi
         desk.take(SCREEN, Choose(question=told.question or 0, key="-"))
         chosen.result(5)
     assert numbers == [(numbers[0][0], 1), (numbers[0][0], 2)]
-    desk.ask(Arm(1, 1, 4))
+    desk.ask(Arm(1, 1, 4, may=STEP))
     assert prompt(desk).number == numbers[0][0] + 1
 
 
@@ -341,7 +342,7 @@ def test_a_screen_may_ask_for_nothing_else(desk: Desk, session: Recorded, approv
 
 
 def test_what_is_shown_goes_on_record_with_its_time(desk: Desk, session: Recorded) -> None:
-    desk.ask(Arm(1, 1, 4))
+    desk.ask(Arm(1, 1, 4, may=STEP))
     told = prompt(desk)
     assert desk.take(SCREEN, Shown(number=told.number, t_ns=monotonic_ns() - 1_000_000)) == (True, "")
     ((shown, ago_ns),) = session.shows
@@ -362,7 +363,7 @@ def test_what_cannot_have_been_shown_is_refused(desk: Desk, session: Recorded) -
 
 
 def test_a_screen_that_comes_late_hears_where_the_session_is(desk: Desk) -> None:
-    desk.ask(Arm(1, 1, 4))
+    desk.ask(Arm(1, 1, 4, may=STEP))
     assert prompt(desk).show == "ready"
     desk.attend(None)
     desk.ended("The session is complete.", 0)

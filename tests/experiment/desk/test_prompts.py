@@ -7,7 +7,7 @@ from hypothesis import given
 
 from palpate.experiment.desk.messages import ENTER, Asked, By, Choice, Ended, Gauges, Prompt, View, line
 from palpate.experiment.desk.prompts import AT_QUESTION, prompt, shown_answers
-from palpate.experiment.desk.questions import Level, keyed
+from palpate.experiment.desk.questions import STEP, Level, keyed
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.rules import HEARD_KEY, PROBE_KEY
 from tests.experiment.desk.views import KINDS, MARK, views
@@ -79,7 +79,7 @@ def test_every_kind_of_question_has_its_page() -> None:
     [
         ("preparing", "wait"),
         ("familiarising", "instructions"),
-        ("armed", "ready"),
+        ("armed", "coming"),
         ("answering", "answer"),
         ("waiting", "wait"),
         ("paused", "break"),
@@ -162,7 +162,8 @@ def test_a_masker_at_its_limit_can_be_said_to_be_heard_and_is_no_louder(
     [
         (View(), "wait"),
         (View(question=Asked(number=3, kind="place", text="", choices=())), "wait"),
-        (View(state="armed"), "ready"),
+        (View(state="armed"), "coming"),
+        (View(state="armed", may=STEP), "ready"),
         (View(at_will=True, question=Asked(number=3, kind="answer", text="", choices=())), "compare"),
     ],
 )
@@ -172,7 +173,7 @@ def test_the_tasks_instruction_is_shown_until_the_first_answer(view: View, show:
 
 
 def test_a_step_that_did_not_count_is_told_without_its_reason() -> None:
-    told = prompt(View(state="armed", again="The foot stopped"), SHOWN)
+    told = prompt(View(state="armed", may=STEP, again="The foot stopped"), SHOWN)
     assert told == Prompt(show="ready", again=True)
 
 

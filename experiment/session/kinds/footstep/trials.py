@@ -23,7 +23,7 @@ from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredic
 from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.clock import lasted_ms
 from palpate.experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
-from palpate.experiment.desk.questions import Place, Rest
+from palpate.experiment.desk.questions import STEP, Place, Rest
 from palpate.experiment.errors import ActuatorError, RecordingError, TrackerError, TrackerStopped
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import ExclusionRule, Protocol, Task
@@ -65,9 +65,6 @@ LOOK_NS = 5_000_000
 
 TRACE_US = 50_000
 """The trace has a point for so long, microseconds."""
-
-STEP = "step"
-"""What the participant may do once an attempt is armed."""
 
 STILL_PLAYS = "the last stimulus may still play; restart the actuator's server, then resume the session"
 
