@@ -82,7 +82,7 @@ def _most_telling(of: QuestPlus, state: State) -> NDArray[np.bool_]:
 
 def information(of: QuestPlus, state: State) -> Array:
     """Return how much less entropy is expected after an answer at each level of the grid, nats, shape (levels,)."""
-    known, (right, entropy) = _posterior(of.levels, state), _right(of.levels)
+    known, (right, entropy, _) = _posterior(of.levels, state), _right(of.levels)
     mean = np.tensordot(right, known, 3)
     if not of.beside_lapses:
         left = np.tensordot(entropy, known, 3)
@@ -90,7 +90,7 @@ def information(of: QuestPlus, state: State) -> Array:
         each = known.sum(axis=2)
         with np.errstate(invalid="ignore", divide="ignore"):
             of_lapses = np.where(each[..., None] > 0, known / each[..., None], 0.0)
-        left = np.tensordot(_choice(np.einsum("xtsl,tsl->xts", right, of_lapses)), each, 2)
+        left = np.tensordot(_choice((right * of_lapses).sum(axis=3)), each, 2)
     told: Array = _choice(mean) - left
     return told
 
@@ -107,19 +107,21 @@ def _db(levels: tuple[float, ...]) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _right(levels: Levels) -> tuple[Array, Array]:
-    """Return how probably an answer is right at each level, threshold, spread and lapse, and the entropy of that."""
+def _right(levels: Levels) -> tuple[Array, Array, Array]:
+    """Return how probably an answer is right at each level, threshold, spread and lapse, and the entropy of that.
+
+    The third has the logarithms of an answer that is right and of one that is wrong at each level.
+    """
     x, t = _db(levels.grid), _db(levels.thresholds or ())
     s, lapse, guess = np.asarray(levels.spreads_db), np.asarray(levels.lapses), levels.guess or 0.0
     felt = ndtr((x[:, None, None] - t[:, None]) / s)[..., None]
     right: Array = np.clip(guess + (1 - guess - lapse) * felt, LEAST, 1 - LEAST)
-    return right, _choice(right)
+    return right, _choice(right), np.stack([np.log(right), np.log1p(-right)], axis=1)
 
 
 def _posterior(levels: Levels, state: State) -> Array:
     """Return the probability of each threshold, spread and lapse, shape (thresholds, spreads, lapses)."""
-    right, counts = _right(levels)[0], np.asarray(state, dtype=np.float64)
-    log = np.tensordot(counts[:, 0], np.log(right), 1) + np.tensordot(counts[:, 1], np.log1p(-right), 1)
+    log: Array = np.tensordot(np.asarray(state, dtype=np.float64), _right(levels)[2], 2)
     weight: Array = np.exp(log - log.max())
     weight /= weight.sum()
     return weight
