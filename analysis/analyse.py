@@ -124,7 +124,7 @@ def _bids(study: Study) -> dict[str, bytes]:
     ours = software.this()
     description = {
         "Name": f"{study.name}: analysis",
-        "BIDSVersion": "1.10.0",
+        "BIDSVersion": "1.11.0",
         "DatasetType": "derivative",
         "GeneratedBy": [{"Name": "palpate", "Version": ours.version, "SourceSha256": ours.source_sha256}],
     }

@@ -178,26 +178,27 @@ def other_format(
     file: Path,
     what: str,
     got: object,
-    known: int,
+    known: Sequence[int],
     *,
     line: int | None = None,
     software: str = "",
     mend: Remedy | str = "",
 ) -> OtherFormat | None:
-    """Return the error of a file of this kind (`what`) whose format `got` is not the `known` one, None where it is.
+    """Return the error of a file of this kind (`what`) whose format `got` is not `known`, None where it is.
 
-    `software` wrote it. No release wrote a format below the known one, nor a file without a number.
+    `software` wrote it. No release wrote a format below the known ones, nor a file without a number.
     """
-    if type(got) is int and got == known:
+    if type(got) is int and got in known:
         return None
-    newer = type(got) is int and got > known
+    newer = type(got) is int and got > max(known)
+    reads = f"format {known[0]}" if len(known) == 1 else f"formats {min(known)} to {max(known)}"
     by = f"{'a newer' if newer else 'an unreleased'} palpate"
     number = "has no number" if got is None else f"is {got!r:.20}"
     use = "update palpate" if newer else "open it with the version that wrote it"
     return OtherFormat(
         file,
         f"made by {by}{f' ({software:.80})' if software else ''}. The format of this {what} {number}; this palpate "
-        f"reads format {known}. The file is not damaged",
+        f"reads {reads}. The file is not damaged",
         mend or f"to use it, {use}",
         line=line,
     )

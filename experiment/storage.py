@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from palpate.experiment.errors import DatasetError, other_format
 
@@ -27,8 +27,11 @@ if sys.platform != "win32":
 RECORDINGS = Path("stimuli") / "recordings"
 """Where the recordings stand that a study's stimuli are made from, inside its dataset."""
 
-DATASET_FORMAT: Literal[2] = 2
-"""The format of a dataset: its files, their columns and keys, and what stands in `sourcedata` beside journals."""
+DatasetFormat = Literal[2]
+"""Formats of a dataset: its files, their columns and keys, and what stands in `sourcedata` beside journals."""
+
+DATASET_FORMAT: DatasetFormat = 2
+"""The one that is written."""
 
 TEMPORARY = re.compile(r"\.palpate-[0-9a-f]{16}")
 
@@ -333,6 +336,16 @@ def seed_path(dataset: Path) -> Path:
     return dataset / "sourcedata" / "seed.json"
 
 
+def shared_path(dataset: Path) -> Path:
+    """Return where a copy that was shared has the list of its files; another dataset has none."""
+    return dataset / "sourcedata" / "shared.json"
+
+
+def shared_label_path(dataset: Path, participant: str) -> Path:
+    """Return where the labels of a participant in shared copies stand, by the copy's anchor, if they are kept."""
+    return participant_folder(dataset, participant) / f"sub-{participant}_shared.json"
+
+
 def roster_path(dataset: Path) -> Path:
     """Return where the roster of a study stands inside its dataset."""
     return dataset / "sourcedata" / "roster.jsonl"
@@ -407,7 +420,7 @@ def refuse_other_format(root: Path) -> None:
     if isinstance(facts := _object(tables).get("Palpate"), dict):
         stated.append((tables, facts.get("Format")))
     for path, got in stated:
-        if (other := other_format(path, "dataset", got, DATASET_FORMAT)) is not None:
+        if (other := other_format(path, "dataset", got, get_args(DatasetFormat))) is not None:
             raise other
 
 

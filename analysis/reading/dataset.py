@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import pandas as pd
 
@@ -50,6 +50,9 @@ OF_STEPS = {
 
 PRESENTED = ("presented", *PLACES)
 """Columns that say what a trial presented; a kind has the first, or the others."""
+
+NEEDED = ("trial", "attempt", "counted", "answered", "response_time", "redo_reason", "origin")
+"""Columns without which no trial is read; a dataset of an older format may lack others that came later."""
 
 ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED")
 
@@ -96,7 +99,13 @@ def read(root: Path) -> Study:
             if (session_id := sidecar.get("SessionId")) is not None:
                 _check_new(str(session_id), session_ids, beside)
                 session_ids[participant, task] = str(session_id)
-            rows += _events(path, participant, task, _Levels(shown, own, facts["Origin"]), sidecar["Rows"])
+            rows += _events(
+                path,
+                participant,
+                task,
+                _Levels(shown, own, facts["Origin"], facts.get("Format") != storage.DATASET_FORMAT),
+                sidecar["Rows"],
+            )
     if not rows:
         raise DatasetError(f"{root} contains no trials", remedy="run a session first, then make the dataset again")
     versions = read_versions(root, facts)
@@ -176,6 +185,7 @@ class _Levels:
     presented: tuple[str, ...]
     design: TaskDesign
     origin: str
+    older: bool
 
 
 def _design(sidecar: dict[str, Any]) -> TaskDesign:
@@ -186,7 +196,7 @@ def _design(sidecar: dict[str, Any]) -> TaskDesign:
 def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
     facts = description.get("Palpate")
     if isinstance(facts, dict) and (
-        other := other_format(path, "dataset", facts.get("Format"), storage.DATASET_FORMAT)
+        other := other_format(path, "dataset", facts.get("Format"), get_args(storage.DatasetFormat))
     ):
         raise other
     if not isinstance(facts, dict) or not {"Study", "Origin", "Label", "Tasks"} <= set(facts):
@@ -330,7 +340,9 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
 
 def _events(path: Path, participant: str, task: str, levels: _Levels, count: int) -> list[dict[str, object]]:
     columns, lines = _table(path)
-    own = _columns(levels.design)
+    own = list(_columns(levels.design))
+    if levels.older:
+        own = [column for column in own if column in (*NEEDED, *PRESENTED)]
     if missing := [column for column in own if column not in columns]:
         raise DatasetError(path, f"missing columns: {', '.join(missing)}", "make the dataset again")
     if len(lines) != count:
@@ -491,10 +503,12 @@ def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
         old, new = _trials(first), _trials(second)
         both = [key for key in old if key in new and not (key in first.session_ids and key in second.session_ids)]
         alike = [key for key in both if old[key] == new[key]]
-        # Times hardly coincide. Answers alone may, but hardly those of several sessions and of every one in both.
-        timed = first.attempts.dropna(subset="response_time_s").groupby(["participant", "task"]).groups
-        if any(key in timed for key in alike) or (len(alike) >= LEAST and len(alike) == len(both)):
-            people = list(dict.fromkeys(who for who, _ in alike))
+        # Times hardly coincide, whatever the labels are. Answers alone may, but hardly those of several sessions and of
+        # every one in both.
+        people = _same_trials(first, second)
+        if len(alike) >= LEAST and len(alike) == len(both):
+            people += [who for who, _ in alike]
+        people = list(dict.fromkeys(people))
         told = "all trials of a session are the same, and no id distinguishes the sessions"
     if people:
         more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""
@@ -502,6 +516,14 @@ def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
             f"{names[0]} and {names[1]} contain the same trials of {', '.join(people[:NAMED])}{more} ({told})",
             remedy="give each participant once",
         )
+
+
+def _same_trials(first: Study, second: Study) -> list[str]:
+    """Return who of the first has a session, with times, of the same trials in the second, where one has no id."""
+    timed = first.attempts.dropna(subset="response_time_s").groupby(["participant", "task"]).groups
+    old = {(key[1], trials): key for key, trials in _trials(first).items() if key in timed}
+    both = ((old.get((key[1], trials)), key) for key, trials in _trials(second).items())
+    return [one[0] for one, other in both if one and not (one in first.session_ids and other in second.session_ids)]
 
 
 def _trials(study: Study) -> dict[tuple[str, str], str]:

@@ -15,6 +15,7 @@ COMMANDS = {
         "rehearse": ("laboratory", "Run a whole study with simulated participants."),
         "seal": ("protocol", "Record the board's approval of a protocol."),
         "schema": ("protocol", "Write the JSON Schema of a protocol or rig file, for an editor."),
+        "preregister": ("protocol", "Write a protocol's plan for a preregistration at OSF."),
     },
     "Prepare a rig": {
         "devices": ("rig", "List the devices of this machine."),
@@ -29,8 +30,8 @@ COMMANDS = {
     },
     "Run sessions": {
         "enrol": ("laboratory", "Enrol the next participant of a study."),
-        "amend": ("amendment", "Record an amendment, a renewal or a suspension of a study, or its end."),
-        "incident": ("amendment", "Record an adverse event or a deviation from the protocol."),
+        "amend": ("board", "Record an amendment, a renewal or a suspension of a study, or its end."),
+        "incident": ("board", "Record an adverse event or a deviation from the protocol."),
         "consent": ("laboratory", "Record the consent of an enrolled participant."),
         "person": ("laboratory", "Ask for a participant's name, and store it outside of every dataset."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
@@ -48,6 +49,7 @@ COMMANDS = {
     "Analyse": {
         "analyse": ("analysis", "Make the tables and the report of a dataset."),
         "export": ("analysis", "Write tables for R, JASP and PsychoPy users."),
+        "share": ("board", "Write a copy of a dataset for others, of those who agreed."),
         "audit": ("analysis", "Check whether printed numbers agree with one another or a dataset."),
         "import-counts": ("analysis", "Make a dataset from counts, printed or measured."),
         "import-trials": ("analysis", "Make a dataset from another program's files of trials."),

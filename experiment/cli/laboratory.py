@@ -33,6 +33,9 @@ Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a st
 ConsentOn = Annotated[
     date | None, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
 ]
+Sharing = Annotated[
+    bool | None, typer.Option("--sharing/--no-sharing", help="Whether their data may be shared [protocol: [sharing]].")
+]
 
 
 def _check_roster(protocol_file: Path, dataset: Path | None, *, pilot: bool = False) -> None:
@@ -70,6 +73,7 @@ def enrol(
             help="Begin the dataset of a pilot, no data of the study [default folder: participants/STUDY-pilot].",
         ),
     ] = False,
+    sharing: Sharing = None,
 ) -> None:
     """Enrol the next participant of a study.
 
@@ -83,10 +87,23 @@ def enrol(
     _check_roster(protocol_file, dataset, pilot=pilot)
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
+    _record_sharing(protocol_file, participant, sharing, path.parent.parent)
     if warning := privacy.readers_warning(path.parent.parent):
         options.say(f"palpate: {warning}", err=True)
     if told := sealing.unsealed(protocol_file):
         options.say(f"palpate: {told}", err=True)
+
+
+def _record_sharing(protocol_file: Path, participant: str, agreed: bool | None, dataset: Path | None) -> None:
+    """Record whether a participant's data may be shared, where that is said."""
+    from palpate.experiment.study import enrolment
+
+    if agreed is None:
+        return
+    shared_on = enrolment.sharing(protocol_file, participant, agreed, root=dataset)
+    typer.echo(f"Participant {participant} {'agrees' if agreed else 'does not agree'} that their data are shared.")
+    if shared_on is not None and not agreed:
+        typer.echo(f"Their data were shared on {shared_on}. What was given out then cannot be taken back.")
 
 
 @commands.command(epilog="Example: palpate consent study.toml --participant 01 --consent-on 2026-05-04")
@@ -104,6 +121,7 @@ def consent(
     voices: Annotated[
         bool | None, typer.Option("--voices/--no-voices", help="Whether the sound of their answers may be kept.")
     ] = None,
+    sharing: Sharing = None,
 ) -> None:
     """Record the consent of an enrolled participant.
 
@@ -112,6 +130,7 @@ def consent(
     With --correct and --reason another day takes the place of the one on record, which stays in the roster. In a study
     that keeps the sound of spoken answers, --voices records that a participant agrees to that, and --no-voices that
     they do not: what was kept of it is then deleted. Copies and backups have to be deleted by hand.
+    In a study that shares data, --sharing records that a participant agrees to that, and --no-sharing that they do not.
     """
     from palpate.experiment.study import enrolment
 
@@ -119,15 +138,16 @@ def consent(
         raise RosterError(
             "got one of --correct and --reason", remedy="say why the day is corrected", allowed="both or neither"
         )
-    if consent_on is None and voices is None:
+    if consent_on is None and voices is None and sharing is None:
         raise RosterError(
-            "got no --consent-on", remedy="give one of them", allowed="the day, or --voices or --no-voices"
+            "got no --consent-on", remedy="give one of them", allowed="the day, --[no-]voices or --[no-]sharing"
         )
     _check_roster(protocol_file, dataset)
     if voices is not None:
         path = enrolment.voices(protocol_file, participant, voices, root=dataset)
         agreed = "agrees" if voices else "does not agree"
         typer.echo(f"Participant {participant} {agreed} that the sound of their answers is kept: {path}")
+    _record_sharing(protocol_file, participant, sharing, dataset)
     if consent_on is None:
         return
     path = enrolment.consent(protocol_file, participant, consent_on, root=dataset, correction=reason)
@@ -509,7 +529,7 @@ def verify(
     is refused, and 2 if nothing could be checked, as with a register that is not there.
     """
     from palpate.experiment.dataset import verify as verifying
-    from palpate.experiment.dataset.signatures import Signer
+    from palpate.experiment.dataset.outside.signatures import Signer
     from palpate.experiment.settings.characters import plain
 
     report = verifying.verify(dataset, registers or (), numbers or (), Signer(signer) if signer else None)

@@ -399,3 +399,23 @@ def schema(
         return
     options.put_file(out, (json.dumps(made, indent=1) + "\n").encode())
     typer.echo(f"Schema: {out}. A {of} file names it on its first line: #:schema {out.name}")
+
+
+@commands.command(epilog="Example: palpate preregister study.toml --power power.json")
+def preregister(
+    protocol_file: ProtocolFile,
+    power: Annotated[
+        Path | None, typer.Option("--power", metavar="FILE.json", help="What `palpate power PROTOCOL --json` printed.")
+    ] = None,
+) -> None:
+    """Write a protocol's plan for a preregistration at OSF.
+
+    The text follows the form "OSF Preregistration": study information, design plan, sampling plan, variables, analysis
+    plan, other. It is made of the protocol, its planned tests and, with --power, the simulated power. What only your
+    laboratory can say is marked TO BE FILLED IN. It states the SHA-256 of the protocol and whether that is sealed.
+    """
+    from palpate.experiment.clock import day, wall_ns
+    from palpate.experiment.protocol import files
+    from palpate.experiment.protocol.page import preregistration
+
+    typer.echo(preregistration.text(files.load(protocol_file), protocol_file, day(wall_ns()), power), nl=False)

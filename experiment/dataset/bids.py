@@ -1,6 +1,6 @@
 """Writing the files of a BIDS `beh` dataset: plain tables and sidecars, the same bytes for the same content.
 
-The layout is BIDS 1.10 for behavioral experiments; `Palpate`, `Materials`, `Answers`, `Rows` and `SessionId` are own
+The layout is BIDS 1.11 for behavioral experiments; `Palpate`, `Materials`, `Answers`, `Rows` and `SessionId` are own
 keys.
 """
 
@@ -21,7 +21,7 @@ from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.records.events import NO_ANSWER, PLACES, Columns, columns_of
 from palpate.experiment.records.software import Software
 
-BIDS_VERSION = "1.10.0"
+BIDS_VERSION = "1.11.0"
 MISSING = "n/a"
 
 Origin = Literal["PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED"]

@@ -33,6 +33,9 @@ ORIGINS: dict[entries.Purpose, bids.Origin] = {
 LABELS = {purpose: bids.LABELS[origin] for purpose, origin in ORIGINS.items()}
 """What stands at the head of all that tells of such a dataset."""
 
+UNANSWERED = "no answer was confirmed"
+"""Why an attempt without an answer was done again, where no other reason is on record."""
+
 Cells = Mapping[str, object]
 """Column -> what stands in a row."""
 
@@ -65,7 +68,7 @@ def build(root: Path, each: Each = map) -> None:
     dataset = load_sound(root, each)
     if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
         raise DatasetError(root, "got no journal", "run a session first", allowed="one or more")
-    import_module("palpate.experiment.dataset.accidents").keep_attributes(root, LABELS[dataset.purpose])
+    import_module("palpate.experiment.dataset.outside.accidents").keep_attributes(root, LABELS[dataset.purpose])
     bids.write_files(study_files(root, dataset))
     for _ in each(partial(_build_session, dataset), [of[0] for of in dataset.sessions]):
         pass
@@ -87,7 +90,7 @@ def session_table(
     """Return the table of a session, from what its journal, at this path, contains, and what describes it."""
     origin, header = ORIGINS[purpose], contents.header
     task = protocol.task(header.task)
-    text = _task_text(protocol, task, origin, header.session_id)
+    text = task_text(protocol, task, origin, header.session_id)
     return bids.events(root, header.participant, text, event_rows(kind_of(task), path, contents, origin))
 
 
@@ -164,7 +167,7 @@ def event_rows(
         attempt = outcome.trial, outcome.attempt
         answer, correction, redo = answers.get(attempt), corrections.get(attempt), redone.get(attempt)
         last = correction or answer
-        unanswered = None if answer else "no answer was confirmed"
+        unanswered = None if answer else UNANSWERED
         rows.append(
             {
                 "trial": outcome.trial,
@@ -246,7 +249,8 @@ def raw_frames(journal_file: Path, outcomes: Iterable[entries.Outcome]) -> list[
     return parts
 
 
-def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:
+def task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str | None = None) -> bids.TaskText:
+    """Return what describes a session's table, with its id if it is given."""
     design = design_of(task.design)
     return bids.TaskText(
         id=task.id,

@@ -46,7 +46,7 @@ class Plan(BaseModel):
 
     model_config = ConfigDict(frozen=True, strict=True)
 
-    format: Literal[2] = storage.DATASET_FORMAT
+    format: storage.DatasetFormat = storage.DATASET_FORMAT
     label: Literal["REHEARSAL", "PRACTICE"] = "REHEARSAL"
     protocol_sha256: str
     rig_sha256: str
@@ -260,6 +260,8 @@ def _expected(root: Path) -> Dataset:
         got = "holds no study" if root.is_dir() else "is no folder"
         allowed = "the folder of a study's dataset, which holds sourcedata"
         raise DatasetError(root, got, "give that one, or restore its sourcedata from a backup", allowed=allowed)
+    if storage.shared_path(root).exists():
+        raise DatasetError(root, "is a copy that was shared, and has no journals", allowed="palpate verify and analyse")
     protocol = files.load(kept)
     plan_file = storage.plan_path(root)
     if not plan_file.exists():

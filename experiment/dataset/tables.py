@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from itertools import zip_longest
 from pathlib import Path
 
@@ -80,6 +81,11 @@ def check_analysed(root: Path) -> tuple[str, ...]:
     """
     if has_journals(root):
         return tuple(f"{path}: {OPEN}" for path in sorted(check_tables(root).under_way))
+    if storage.shared_path(root).exists():
+        for finding in import_module("palpate.experiment.dataset.outside.shared").findings(root):
+            if finding.refuses:
+                raise DatasetError.at(finding)
+        return ()
     if (root / "dataset_description.json").exists() and origin_of(root) not in ("RECONSTRUCTION", "IMPORTED"):
         return (f"{root}: no journal stands behind these tables, so a changed cell would not show",)
     return ()
@@ -189,7 +195,8 @@ def _difference(root: Path, path: Path, content: bytes) -> Finding | None:
     if keys is None and path.suffix != ".tsv":
         return None
     remedy = build_again(root, "compare both with a backup, then make the tables again", suffices=False)
-    what = _differing_line(path, content) if keys is None else _differing_key(path, content, keys)
+    older = _format_of(root) != storage.DATASET_FORMAT
+    what = _differing_line(path, content, older=older) if keys is None else _differing_key(path, content, keys)
     return Finding(f"{what}: {CAUSE}", path, remedy=remedy) if what else None
 
 
@@ -205,14 +212,36 @@ def _missing(root: Path, path: Path) -> Finding:
     return Finding("is missing", path, remedy=build_again(root, "make it again"))
 
 
-def _differing_line(path: Path, content: bytes) -> str:
-    """Return which line of a table is another than given, or that it cannot be read; empty if it is as given."""
+def _format_of(root: Path) -> object:
+    """Return the format that the tables of a dataset state, today's where they cannot be read."""
     try:
-        lines = zip_longest(storage.read_bytes(path).split(b"\n"), content.split(b"\n"))
+        return storage.json_of(storage.read_bytes(root / "dataset_description.json"))["Palpate"]["Format"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return storage.DATASET_FORMAT
+
+
+def _differing_line(path: Path, content: bytes, *, older: bool) -> str:
+    """Return which line of a table is another than given, or that it cannot be read; empty if it is as given.
+
+    A table of an `older` format may lack columns that came later.
+    """
+    try:
+        on_disk = storage.read_bytes(path)
+        given = _with_columns(content, on_disk.partition(b"\n")[0].split(b"\t")) if older else content
+        lines = zip_longest(on_disk.split(b"\n"), given.split(b"\n"))
     except OSError as error:
         return f"cannot be read ({storage.why(error)})"
     different = (number for number, (on_disk, given) in enumerate(lines, start=1) if on_disk != given)
     return f"line {number} is not what the journal gives" if (number := next(different, 0)) else ""
+
+
+def _with_columns(table: bytes, columns: Sequence[bytes]) -> bytes:
+    """Return a table with some of its columns, in this order; whole where it lacks one of them."""
+    header, *rows = (line.split(b"\t") for line in table.splitlines())
+    if not {*columns} <= {*header}:
+        return table
+    places = [header.index(column) for column in columns]
+    return b"".join(b"\t".join(row[place] for place in places) + b"\n" for row in (header, *rows))
 
 
 def _differing_key(path: Path, content: bytes, keys: Sequence[str]) -> str:
@@ -223,5 +252,8 @@ def _differing_key(path: Path, content: bytes, keys: Sequence[str]) -> str:
         return f"cannot be read ({storage.why(error)})"
     if not isinstance(on_disk, dict):
         return "cannot be read (no JSON object)"
+    if isinstance(facts := on_disk.get("Palpate"), dict) and facts.get("Format") != storage.DATASET_FORMAT:
+        # Facts of an older format are compared as far as it has them.
+        given["Palpate"] = {**{key: given["Palpate"].get(key) for key in facts}, "Format": facts.get("Format")}
     different = (key for key in keys if on_disk.get(key) != given.get(key))
     return f"{key} is not what the journals give" if (key := next(different, "")) else ""

@@ -16,10 +16,11 @@ from typing import Literal
 from palpate.experiment import clock, storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import minutes
-from palpate.experiment.dataset import accidents, build, checks, register, tables
+from palpate.experiment.dataset import build, checks, register, tables
 from palpate.experiment.dataset.checks import Dataset, Sessions
+from palpate.experiment.dataset.outside import accidents, shared
+from palpate.experiment.dataset.outside.signatures import Signer, soundly_signed
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, anchors_of_file
-from palpate.experiment.dataset.signatures import Signer, soundly_signed
 from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, Remedy, Verdict
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.blocks import count
@@ -252,6 +253,9 @@ A_DAY = timedelta(days=1)
 
 def _tables_alone(root: Path) -> Iterator[Finding]:
     """Tell what stands behind tables without journals."""
+    if storage.shared_path(root).exists():
+        yield from (_inside(root, one) for one in shared.findings(root))
+        return
     if (origin := tables.origin_of(root)) not in tables.ALONE:
         text = f"holds no journal, and the tables say {origin}; restore it from a backup"
         yield Finding(text, "sourcedata")
@@ -530,6 +534,10 @@ def _verdict(
             else "Keep the folder as it is, and compare it with a backup"
         )
         yield f"REFUSED: {speak} against this dataset. {mend}."
+        return
+    if any(finding.check == shared.CHECK for finding in findings):
+        yield "Nothing speaks against this copy: an accident that changed one of its files would have been noticed."
+        yield "NOT PROVEN: its journals stayed in the laboratory, with the anchor that dataset_description.json names."
         return
     if not (total := sum(map(len, files.values()))):
         yield "NOT PROVEN: no journal stands behind these tables, so neither an accident nor intent would show."

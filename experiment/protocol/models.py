@@ -95,6 +95,20 @@ class Consent(Confined):
     kept_months: Annotated[int, Field(ge=1, le=1200)] | None = None
 
 
+class Sharing(Confined):
+    """What leaves the laboratory of participants who agree to it. Without this table `palpate share` gives nothing out.
+
+    Attributes:
+        statement: what participants are told and agree to, or not: a question of its own.
+        smallest_group: how many participants at least are alike in all that is shared of who they are.
+        keep_labels: whether the laboratory keeps which label a participant has in what is shared.
+    """
+
+    statement: Text
+    smallest_group: Annotated[int, Field(ge=1, le=1000)] = 5
+    keep_labels: bool = False
+
+
 class Duration(Confined):
     """How long a participant's visit takes with breaks, as participants are told.
 
@@ -404,6 +418,7 @@ class Protocol(Confined):
         ethics: who approved it.
         eligibility: who may take part.
         consent: what participants agree to.
+        sharing: what is shared of those who agree to it.
         duration: how long a visit takes.
         exposure: limits that protect the participant.
         masker: the noise on the headphones.
@@ -422,6 +437,7 @@ class Protocol(Confined):
     ethics: Ethics
     eligibility: Eligibility
     consent: Consent
+    sharing: Sharing | None = Field(None, json_schema_extra={"since": 7})
     duration: Duration | None = None
     exposure: Exposure
     masker: Masker

@@ -160,9 +160,8 @@ def _entry(path: Path, number: int, link: chain.Link, *task_kinds: str) -> Entry
     # A journal of another format is refused in plain words, before its models refuse it in theirs.
     if link.entry.get("kind") == "header":
         got, by = link.entry.get("format"), str(link.entry.get("software", ""))
-        older = got in get_args(Header.model_fields["format"].annotation)
-        other = other_format(path, "journal", got, entries.FORMAT, line=number, software=by)
-        if other is not None and not older:
+        known = get_args(Header.model_fields["format"].annotation)
+        if (other := other_format(path, "journal", got, known, line=number, software=by)) is not None:
             raise other
     entry = reader(*task_kinds).validate_json(link.json)
     if isinstance(entry, Header) != (number == 1):

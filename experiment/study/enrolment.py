@@ -122,7 +122,7 @@ def purpose_of(root: Path) -> Purpose:
 class Settled(Record):
     """What `sourcedata/seed.json` holds."""
 
-    format: Literal[2]
+    format: storage.DatasetFormat
     seed: int
     purpose: Literal["STUDY", "PILOT"]
     salt: Annotated[str, Field(pattern="^[0-9a-f]{32}$")] | None = None
@@ -225,6 +225,19 @@ def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | 
         if not agreed and kept.exists():
             storage.remove(kept)
     return path
+
+
+def sharing(protocol_file: Path, participant: str, agreed: bool, *, root: Path | None) -> date | None:
+    """Record whether a participant's data may be shared; return the day on which they last were, None if never.
+
+    Raises `RosterError` if the protocol shares none, or the participant is not active.
+    """
+    if files.load(protocol_file).sharing is None:
+        raise RosterError(protocol_file, "has no table [sharing]", "this study shares no data, and asks nobody")
+    known = Roster.continued(storage.roster_path(study_begun(protocol_file, root)))
+    known.check_enrolled(participant)
+    known.agree_to_sharing(participant, agreed, day(wall_ns()))
+    return known.shared.get(participant)
 
 
 def check_reason(protocol_file: Path, root: Path, reason: str) -> None:

@@ -12,7 +12,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -112,6 +112,23 @@ class Voices(Entry):
     told_on: date
 
 
+class Sharing(Entry):
+    """A participant agreed that their data are shared, or did not; the last such line holds for what is shared next."""
+
+    kind: Literal["sharing"] = "sharing"
+    participant: str
+    agreed: bool
+    told_on: date
+
+
+class Shared(Entry):
+    """Data of these participants left the laboratory."""
+
+    kind: Literal["shared"] = "shared"
+    participants: Annotated[tuple[str, ...], Field(min_length=1)]
+    shared_on: date
+
+
 class Revealed(Entry):
     """The concealed order of what a participant does was shown; the label need not be enrolled."""
 
@@ -127,6 +144,8 @@ AnyEntry = Annotated[
     | Consented
     | Corrected
     | Voices
+    | Sharing
+    | Shared
     | Withdrawn
     | Erased
     | Revealed
@@ -147,7 +166,8 @@ class Roster:
     `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
     `withdrawn` holds the reasons of those who withdrew, `erased` those whose data were deleted, and `revealed` the days
     on which a concealed order was first shown. `voices` tells, of each who was asked, whether the sound of their
-    answers may be kept. `takes` names, for each who came after the planned ones, the participant whose place they took.
+    answers may be kept, and `sharing` whether their data may be shared; `shared` has the days on which data of theirs
+    last were. `takes` names, for each who came after the planned ones, the participant whose place they took.
     `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line has it; None in a study
     that began before such lines. `approved` are the approvals after the first, `stopped` what suspended or ended them,
     and `consented` the number of the approval to whose version each participant consented. `consents` has the days of
@@ -162,6 +182,8 @@ class Roster:
     revealed: dict[str, date] = field(default_factory=dict)
     takes: dict[str, str] = field(default_factory=dict)
     voices: dict[str, bool] = field(default_factory=dict)
+    sharing: dict[str, bool] = field(default_factory=dict)
+    shared: dict[str, date] = field(default_factory=dict)
     approved: list[Approved] = field(default_factory=list)
     stopped: list[Stopped] = field(default_factory=list)
     consented: dict[str, int] = field(default_factory=dict)
@@ -243,6 +265,14 @@ class Roster:
         wanted = protocol.eligibility
         return not wanted.confirmed or self.eligible.get(participant) == criteria_sha256(wanted.criteria)
 
+    def agree_to_sharing(self, participant: str, agreed: bool, today: date) -> None:
+        """Record whether data may be shared from now on. Raises `RosterError` if not enrolled, or withdrawn."""
+        self._append(Sharing, participant=participant, agreed=agreed, told_on=today)
+
+    def share(self, participants: tuple[str, ...], today: date) -> None:
+        """Record that data are shared. Raises `RosterError` for somebody who has not agreed, or withdrew."""
+        self._append(Shared, participants=participants, shared_on=today)
+
     def withdraw(self, participant: str, reason: str) -> None:
         """Record a withdrawal, with a reason of one line. Raises `RosterError` for a bad reason or if not active."""
         self._append(Withdrawn, participant=participant, reason=reason)
@@ -278,6 +308,10 @@ class Roster:
     def known_day(self, today: date) -> date:
         """Return `today`, or the day of the last line where that is later: the machine's clock was set back."""
         return max([today, *(day(link.t_ns) for link in self.lines.links[-1:])])
+
+    def may_share(self, participant: str) -> bool:
+        """Return whether a participant's data may be shared: they agreed last, and take part."""
+        return self.sharing.get(participant, False) and participant not in self.withdrawn
 
     def has_erased(self, file: str) -> bool:
         """Return whether a file of the dataset, by its path inside, was of a participant whose data were deleted."""
@@ -315,7 +349,8 @@ class Roster:
         for number, link in enumerate(lines.links, start=1):
             if link.entry.get("kind") == "first":
                 got = link.entry.get("format")
-                if got != 1 and (other := other_format(path, "roster", got, FORMAT, line=number)) is not None:
+                known = get_args(First.model_fields["format"].annotation)
+                if (other := other_format(path, "roster", got, known, line=number)) is not None:
                     raise other
             try:
                 roster._apply(_ENTRY.validate_json(link.json))
@@ -361,7 +396,7 @@ class Roster:
             raise RosterError(self.path, what, remedy) from error
 
     def _apply(self, entry: AnyEntry) -> None:
-        if isinstance(entry, Approved | Stopped | Incident | Informed):
+        if isinstance(entry, Approved | Stopped | Incident | Informed | Shared):
             self._apply_to_study(entry)
             return
         participant = entry.participant
@@ -406,9 +441,12 @@ class Roster:
             else:
                 self.eligible[participant] = entry.criteria_sha256
             return
+        if isinstance(entry, Sharing):
+            self.sharing[participant] = entry.agreed
+            return
         self._apply_consent(entry, known)
 
-    def _apply_to_study(self, entry: Approved | Stopped | Incident | Informed) -> None:
+    def _apply_to_study(self, entry: Approved | Stopped | Incident | Informed | Shared) -> None:
         if isinstance(entry, Approved | Stopped):
             self.check_decision(entry)
         match entry:
@@ -427,6 +465,11 @@ class Roster:
                     raise RosterError(what, allowed="one on record of which the board was not informed yet")
                 told = known[entry.number].model_copy(update={"informed_on": entry.informed_on})
                 self.incidents[entry.number - 1] = told
+            case Shared():
+                for one in entry.participants:
+                    if not self.may_share(one):
+                        raise RosterError(f"participant {one} has not agreed to sharing", remedy="leave them out")
+                    self.shared[one] = entry.shared_on
 
     def _apply_consent(self, entry: Consented | Corrected, known: date | None) -> None:
         participant = entry.participant

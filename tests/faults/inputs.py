@@ -471,6 +471,7 @@ STARTED = (
     ("plan", "study.toml"),
     ("rehearse", "study.toml", "--rig", "rig.toml", "--out", "out"),
     ("schema", "protocol"),
+    ("preregister", "study.toml"),
     ("seal", "study.toml", "--approval-number", "1", "--approved-on", "2020-01-01", "--expires-on", "2030-01-01"),
     ("devices",),
     ("calibrate", "actuator", "--rig", "rig.toml"),
@@ -500,6 +501,7 @@ STARTED = (
     ("tap", "fit", "take.wav"),
     ("tap", "contact", "--stiffness", "2500", "--damping", "1", "--mass", "0.1", "--speed", "0.1"),
     ("import-trials", "trials.csv", *TRIALS, "--study", "s", "--out", "out"),
+    ("share", "study", "copy"),
     ("incident", "study.toml", "--adverse", "a fall", "--done", "ended", "--dataset", "study"),
     ("amend", "study.toml", "--suspended-on", "2020-06-01", "--reason", "letter", "--dataset", "study"),
 )

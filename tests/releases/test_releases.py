@@ -5,13 +5,17 @@ from __future__ import annotations
 import shutil
 from itertools import product
 from pathlib import Path
+from typing import Literal
 
 import pandas as pd
 import pytest
 
 import palpate
-from palpate.experiment.dataset import build, verify
+from palpate.analysis.reading import dataset
+from palpate.experiment import storage
+from palpate.experiment.dataset import bids, build, verify
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.records import events
 from tests.releases import APPROVED_ON, EXPIRES_ON, FOLDER, RELEASES, RIGS, TRIALS
 
 ARCHIVED = sorted(path.parent for path in FOLDER.glob("*/*/*.seal.toml"))
@@ -54,3 +58,23 @@ def test_its_protocol_is_the_one_that_was_sealed(archived: Path) -> None:
     file = sealed.with_name(sealed.name.replace(".seal", ""))
     seal = approval.verify(file, files.load(file), APPROVED_ON)
     assert (seal.approved_on, seal.expires_on) == (APPROVED_ON, EXPIRES_ON)
+
+
+def test_the_next_format_of_datasets_with_a_further_column_refuses_none_before_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    root = ARCHIVED[0] / "dataset"
+    known = events.columns_of
+
+    def columns_of(kind: str, *intervals: int) -> events.Columns:
+        return {
+            **known(kind, *intervals),
+            **({} if kind == "participants" else {"later": {"Description": "Came later."}}),
+        }
+
+    for module in (bids, dataset):
+        monkeypatch.setattr(module, "columns_of", columns_of)
+    monkeypatch.setattr(storage, "DATASET_FORMAT", 3)
+    monkeypatch.setattr(storage, "DatasetFormat", Literal[2, 3])
+    assert verify.verify(root).refused == 0
+    assert len(palpate.read(root).attempts) == len(pd.read_csv(ARCHIVED[0] / TRIALS))

@@ -14,7 +14,10 @@ import pytest
 
 from palpate.analysis.analyse import analyse
 from palpate.experiment.dataset.bids import PhysioColumn, beh_path, write_physio
+from palpate.experiment.dataset.outside import sharing
+from palpate.experiment.study import enrolment
 from tests.analysis.datasets import balanced, trial, write_dataset
+from tests.experiment.dataset.studies import make_study
 
 UNFILLED = {"JSON_KEY_RECOMMENDED", "SIDECAR_KEY_RECOMMENDED", "TOO_FEW_AUTHORS"}
 """Warnings about recommended keys: ontology terms and institutions, which a reconstruction or a rehearsal lacks."""
@@ -75,6 +78,49 @@ def test_the_results_are_a_derivative_of_their_own(validator: str, tmp_path: Pat
     root = write_dataset(tmp_path, {"01": {"real": balanced(1)}, "02": {"real": balanced(2)}})
     issues = _issues(validator, analyse([root]).out)
     assert not [issue for issue in issues if issue["severity"] == "error"]
+
+
+FILLED = {
+    "License": "CC0-1.0",
+    "Authors": ["A. Author", "B. Author"],
+    "HEDVersion": "8.4.0",
+    "SourceDatasets": [{"URL": "bids::sourcedata"}],
+}
+"""What a laboratory writes into `dataset_description.json`, beyond what palpate knows."""
+
+OF_SESSIONS = {
+    "InstitutionName": "A laboratory",
+    "InstitutionAddress": "A street",
+    "InstitutionalDepartmentName": "A department",
+    "CogAtlasID": "https://www.cognitiveatlas.org/task/id/tsk_0",
+    "CogPOID": "http://www.cogpo.org/ontologies/CogPOver1.owl#CogPO_0",
+}
+"""What it writes into an `events.json` at the top."""
+
+
+def test_a_study_and_its_shared_copy_leave_no_warning_once_a_laboratory_filled_its_keys(
+    validator: str, tmp_path: Path
+) -> None:
+    table = '[sharing]\nstatement = "May your trials be shared?"\nsmallest_group = 1\n\n[duration]'
+    study = make_study(tmp_path / "study", further={"format = 4": "format = 7", "[duration]": table})
+    path = study.root / "dataset_description.json"
+    path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), **FILLED}), "utf-8")
+    (study.root / "events.json").write_text(json.dumps(OF_SESSIONS), "utf-8")
+    for participant in ("01", "02"):
+        enrolment.sharing(study.file, participant, True, root=study.root)
+    out = sharing.share(study.root, tmp_path / "copy").root
+    assert [_issues(validator, root) for root in (study.root, out)] == [[], []]
+    places = ((study.root, tmp_path / "one"), (out, tmp_path / "other"))
+    numbers = [analyse([root], place, figures=False).numbers for root, place in places]
+    assert _numbers(numbers[1]) == pytest.approx(_numbers(numbers[0]), rel=1e-9, nan_ok=True)
+
+
+def _numbers(value: object) -> list[float]:
+    """Every number of a result, in order of size: participants stand in another order."""
+    if isinstance(value, dict | list):
+        inner = value.values() if isinstance(value, dict) else value
+        return sorted(number for one in inner for number in _numbers(one))
+    return [float(value)] if isinstance(value, int | float) else []
 
 
 def test_the_validator_sees_a_broken_dataset(validator: str, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import rfc8785
 from pydantic import Field
@@ -32,8 +32,11 @@ MOST_FIELDS = 5
 WHOLE, BEFORE = 55, 20
 """Characters of a text that is told whole; and of a longer one, before the place where it was changed."""
 
-FORMAT: Literal[1] = 1
-"""The format of the seal's file."""
+Format = Literal[1]
+"""Formats of the seal's file."""
+
+FORMAT: Format = 1
+"""The one that is written."""
 
 
 def canonical(protocol: Protocol) -> bytes:
@@ -59,7 +62,7 @@ class Seal(Confined):
 
     RULES: ClassVar[Rules] = rules.ethics
 
-    format: Literal[1]
+    format: Format
     protocol_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits")]
     approval_number: Line
     board: Text
@@ -106,7 +109,7 @@ def read(protocol_path: Path) -> Seal:
         refuse(path, [mismatch("seal", None, "no seal", "a protocol with its seal", remedy)])
     document, text = load.parsed(path)
     again = seal_again(protocol_path, "to use it, seal the protocol again", "--replace")
-    if (other := other_format(path, "seal", document.get("format"), FORMAT, mend=again)) is not None:
+    if (other := other_format(path, "seal", document.get("format"), get_args(Format), mend=again)) is not None:
         raise other
     seal = load.checked(path, Seal, document, text)
     own = hashlib.sha256(seal.protocol.encode()).hexdigest()

@@ -205,6 +205,7 @@ def _recorded(protocol: Protocol) -> Iterator[Block]:
         "repetition with its reason. The experimenter can add notes, which are kept with the trial."
     )
     yield from _voices(protocol)
+    yield from _sharing(protocol)
     if protocol.consent.kept_months is None:
         yield Said("The protocol does not state how long data are kept.")
     else:
@@ -236,6 +237,25 @@ def _voices(protocol: Protocol) -> Iterator[Block]:
         )
     else:
         yield Said("No sound is kept.")
+
+
+def _sharing(protocol: Protocol) -> Iterator[Block]:
+    if (sharing := protocol.sharing) is None:
+        return
+    yield Said(
+        "Data of participants who agree to it are shared outside of the laboratory. Whoever does not agree takes part "
+        "all the same, and an agreement can be taken back until the data are shared. Participants are told:"
+    )
+    yield Quoted(sharing.statement)
+    yield Said(
+        "Shared are the tables of trials and the traces of movement, with times from the beginning of each session. Of "
+        "what is known about a person, only answers from fixed choices are shared, and ages and other numbers in "
+        "groups of ten: in these, every participant is like "
+        f"{count(sharing.smallest_group - 1, 'other')} or more. Voices, days, notes, reasons and other free text are "
+        "not shared."
+    )
+    kept = "is kept in the laboratory" if sharing.keep_labels else "is not kept"
+    yield Said(f"Labels are drawn anew, and which label a participant gets {kept}.")
 
 
 def _procedure(protocol: Protocol) -> Iterator[Block]:

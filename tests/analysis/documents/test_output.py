@@ -160,7 +160,7 @@ def test_a_foreign_manifest_is_refused(tmp_path: Path, content: str, refuses: Re
 @pytest.mark.parametrize("place", [".", "sub-01", "sub-01/beh/x", "sourcedata", "stimuli/x", "derivatives", "new"])
 @pytest.mark.parametrize("description", ['{"DatasetType": "raw"}', "{}", "[]", "{ torn"])
 def test_nothing_is_written_among_data(tmp_path: Path, place: str, description: str) -> None:
-    """BIDS 1.10, dataset_description.json: the type is raw where none is stated."""
+    """BIDS 1.11, dataset_description.json: the type is raw where none is stated."""
     root = tmp_path / "data"
     root.mkdir()
     (root / "dataset_description.json").write_text(description)

@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import accidents, bids, build, checks, register, status
-from palpate.experiment.dataset.signatures import Signer
+from palpate.experiment.dataset import bids, build, checks, register, status
+from palpate.experiment.dataset.outside import accidents
+from palpate.experiment.dataset.outside.signatures import Signer
 from palpate.experiment.dataset.verify import FOREIGN, MISTYPED, Report, verify
 from palpate.experiment.errors import DatasetError, OtherFormat, Remedy
 from palpate.experiment.protocol import approval

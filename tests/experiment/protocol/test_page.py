@@ -95,7 +95,8 @@ LIMITED = changed(PROBED, ("footstep", "synthesis", "left_out_max"), 0.25)
 MASKED = changed(changed(LIMITED, ("tasks", 0, "masker"), "white"), ("tasks", 1, "materials"), ("cork",))
 SAME = {"test": "equivalence", "tasks": ("one",), "question": "Are felt and cork told apart?", "margin": 0.125}
 PAIR = {"test": "one-way ANOVA", "tasks": ("one",), "question": "?", "materials": ("felt", "cork")}
-PLANNED = {**MASKED, "analysis": (*MASKED["analysis"], SAME, PAIR)}
+SHARING = {"statement": "May your trials be shared?", "smallest_group": 3, "keep_labels": True}
+PLANNED = {**MASKED, "analysis": (*MASKED["analysis"], SAME, PAIR), "sharing": SHARING}
 FULL = ProtocolFile.model_validate(changed(PLANNED, ("analysis", 0, "correction"), "materials"))
 """The small protocol with the keys that it leaves out and that have no value of their own then; keeping voices needs a
 microphone."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from random import Random
 
 from palpate.experiment.dataset import verify
-from palpate.experiment.dataset.signatures import Signer
+from palpate.experiment.dataset.outside.signatures import Signer
 from palpate.experiment.errors import PalpateError
 from tests.faults.forged import beside, chains, outside, tables
 from tests.faults.forged.case import Case, Forgery

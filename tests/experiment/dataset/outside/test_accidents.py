@@ -14,7 +14,8 @@ from syrupy.assertion import SnapshotAssertion
 
 import palpate
 from palpate.experiment import storage
-from palpate.experiment.dataset import accidents, build, checks, verify
+from palpate.experiment.dataset import build, checks, verify
+from palpate.experiment.dataset.outside import accidents
 from palpate.experiment.errors import Remedy
 from palpate.experiment.study import privacy
 from tests.experiment.dataset.studies import MadeStudy, make_study

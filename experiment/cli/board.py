@@ -1,4 +1,4 @@
-"""The commands that record what a board decided while a study runs, and what it has to be told."""
+"""The commands of what a board decides and has to be told, and of what leaves the laboratory."""
 
 from datetime import date
 from pathlib import Path
@@ -217,3 +217,31 @@ def _tell_anchor(root: Path) -> None:
     from palpate.experiment.dataset import checks
 
     typer.echo(f"For the lab book: {checks.keep_anchor(root)[0].line}")
+
+
+@commands.command(epilog="Example: palpate share participants/study study-shared")
+def share(
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the copy, which must not exist.")],
+    without: Annotated[
+        list[str] | None,
+        typer.Option("--without", metavar="COLUMN", help="Leave out a column of participants.tsv; may be repeated."),
+    ] = None,
+) -> None:
+    """Write a copy of a dataset for others, of those who agreed.
+
+    It has the participants who agreed to sharing (`palpate consent --sharing`), if the protocol has a table [sharing].
+    Labels are drawn anew and times count from the beginning of each session. Ages and other numbers about a person are
+    in groups of ten. Journals, voices, days, notes, reasons and free text are left out, and so are stimuli without a
+    file stimuli/LICENSE. The size of the smallest group of participants who are alike is printed; a smaller one than
+    the protocol allows is refused. The copy is a BIDS derivative that `palpate verify` and `palpate analyse` read.
+    """
+    from palpate.experiment import storage
+    from palpate.experiment.dataset.outside import sharing
+
+    made = sharing.share(dataset, out, without or ())
+    for sentence in made.sentences():
+        options.say(sentence)
+    typer.echo(f"Shared: {made.root}")
+    if storage.roster_path(dataset).exists():
+        _tell_anchor(dataset)

@@ -1,0 +1,63 @@
+"""Whether a shared copy of a dataset is still what was shared: no journal stands behind it, but a list of its files."""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from palpate.experiment import storage
+from palpate.experiment.dataset.tables import READ
+from palpate.experiment.errors import Finding
+
+CHECK = "shared"
+"""The name of the check that its findings have."""
+
+DESCRIPTION = "dataset_description.json"
+
+OF_RECIPIENTS = ("README", "CHANGES", ".gitattributes", ".bidsignore")
+"""Files at the top that whoever publishes a copy may change."""
+
+REMEDY = "restore it from the place where the copy was published"
+
+
+def file_hashes(root: Path) -> dict[str, str]:
+    """Return the SHA-256 of each file of a copy but the list itself, by its path; of the description, of what is read.
+
+    Authors, licence and DOI in the description may change, and so may the files `OF_RECIPIENTS`.
+    """
+    files = (path for path in sorted(root.rglob("*")) if path.is_file() and path != storage.shared_path(root))
+    named = {path.relative_to(root).as_posix(): path for path in files}
+    theirs = (*OF_RECIPIENTS, "derivatives/", ".git/", ".datalad/")
+    return {name: _sha256(path) for name, path in named.items() if not name.startswith(theirs)}
+
+
+def _sha256(path: Path) -> str:
+    content = storage.read_bytes(path)
+    if path.name == DESCRIPTION:
+        found = storage.json_of(content)
+        content = storage.json_bytes({key: found.get(key) for key in READ[DESCRIPTION]})
+    return hashlib.sha256(content).hexdigest()
+
+
+def findings(root: Path) -> Iterator[Finding]:
+    """Yield each file of a copy that is missing, another than was shared, or was not shared; or that all are as shared.
+
+    What cannot be read is among them.
+    """
+    listed = storage.shared_path(root)
+    try:
+        files: Mapping[str, str] = storage.json_of(storage.read_bytes(listed))["files"]
+        there = file_hashes(root)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        what = storage.why(error) if isinstance(error, OSError | ValueError) else "it is no list of files"
+        yield Finding(f"cannot be read ({what})", listed, remedy=REMEDY, check=CHECK)
+        return
+    whole = True
+    for name in sorted({*files, *there}):
+        if files.get(name) != there.get(name):
+            whole = False
+            what = "is missing" if name not in there else "was not shared"
+            what = what if name not in files or name not in there else "is not the file that was shared"
+            remedy = REMEDY if name in files else "take it out of the copy"
+            yield Finding(what, root / name, remedy=remedy, check=CHECK)
+    if whole:
+        yield Finding(f"{len(files)} are those that were shared", "files", verdict="passes", check=CHECK)
