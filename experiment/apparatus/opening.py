@@ -11,7 +11,6 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Actuator, Pedal, Tracker
 from palpate.experiment.apparatus.rig import REHEARSAL, AudioRig, Rig, needed, response_table, tracker_of
-from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.settings import FRAMES
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import ActuatorError, Finding, Remedy, RigError, TrackerError
@@ -19,6 +18,7 @@ from palpate.experiment.errors import ActuatorError, Finding, Remedy, RigError, 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.masker import MaskerNoise
     from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+    from palpate.experiment.apparatus.tracker.clock_map import ClockMap
     from palpate.experiment.synthesis.voltages import Drive
 
 

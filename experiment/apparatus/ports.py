@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from palpate.experiment.apparatus.tracker.clock_map import ClockMap
-from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.records.stimulus import Delivered
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.panel.conditioning import Played
+    from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+    from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
     from palpate.experiment.synthesis.waveforms import Waveform
 
 

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Protocol, cast
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.ports import Actuator, Tracker
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Measured
 from palpate.experiment.desk.questions import Arm, Console, Notice
@@ -32,6 +31,7 @@ from palpate.experiment.records.progress import Progress
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
+    from palpate.experiment.apparatus.tracker.clock_map import ClockMap
     from palpate.experiment.synthesis.voltages import Drive
     from palpate.experiment.synthesis.waveforms import Basis
 

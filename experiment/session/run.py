@@ -10,7 +10,6 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Actuator, Tracker
 from palpate.experiment.apparatus.rig import Rig, tracker_of
-from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.desk.questions import YES, Agree, At, Attended, Break, Console, Notice
@@ -54,6 +53,8 @@ class RealEnds(FarEnds):
         return heard
 
     def check(self, tracker: Tracker, rig: Rig) -> None:
+        from palpate.experiment.apparatus.tracker import zeroing
+
         zeroing.check_reading(tracker, tracker_of(rig))
 
     def console(self) -> Console:

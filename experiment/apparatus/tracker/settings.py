@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
 from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Rules
 
 FRAMES = "palpate-frames"
@@ -25,6 +24,8 @@ def _tracker_rules(table: Any) -> Iterator[Broken]:
 
     From point to point of a calibration the counts rise, and the heights, or places, rise or fall all the way.
     """
+    from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
+
     baud, rate_hz = table.get("baud"), table.get("rate_hz")
     frame = FRAME_BYTES[1 if table.get("along_calibration") is None else 2]
     if isinstance(baud, int) and isinstance(rate_hz, int) and baud < 10 * frame * rate_hz:

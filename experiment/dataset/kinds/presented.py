@@ -1,6 +1,6 @@
 """Presented stimuli in a dataset: a row for each presentation, on the session's clock."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from palpate.experiment.dataset.build import Cells, DatasetKind
@@ -21,23 +21,24 @@ def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
                 {
                     **dict(zip(names, entry.presented, strict=False)),
                     "delivered": all_delivered(entry.intervals),
-                    **(_last(entry.intervals[-1], begun_ns - shift_ns) if entry.intervals else {}),
+                    **(_played(entry.intervals, begun_ns - shift_ns) if entry.intervals else {}),
                     **({"redo_reason": entry.reason} if isinstance(entry, CutShort) else {}),
                 },
             )
 
 
-def _last(played: Interval, begun_ns: int) -> Cells:
-    """Return the cells of the last stimulus of a trial."""
-    made, heard = played.stimulus.computed, played.delivered
+def _played(intervals: Sequence[Interval], begun_ns: int) -> Cells:
+    """Return the cells of what a trial presented: times are of the last stimulus, and shares of the worst."""
+    last, heard = intervals[-1], intervals[-1].delivered
+    worst = max((one.stimulus.computed for one in intervals), key=lambda made: made.relative_error)
     off_ms = None if heard is None else heard.onset_error_ms
     return {
-        "onset": round((played.began_ns - begun_ns) / 1e9, 6),
-        "duration": played.stimulus.lasts_s,
-        "stimulus_method": made.method,
-        "stimulus_error": round(made.relative_error, 9),
-        "left_out": None if made.left_out is None else round(made.left_out, 9),
-        "dissimilarity": None if made.dissimilarity_m_s2 is None else round(made.dissimilarity_m_s2, 9),
+        "onset": round((last.began_ns - begun_ns) / 1e9, 6),
+        "duration": last.stimulus.lasts_s,
+        "stimulus_method": worst.method,
+        "stimulus_error": round(worst.relative_error, 9),
+        "left_out": None if worst.left_out is None else round(worst.left_out, 9),
+        "dissimilarity": None if worst.dissimilarity_m_s2 is None else round(worst.dissimilarity_m_s2, 9),
         **({} if off_ms is None else {"delivery_error": round(off_ms / 1e3, 6)}),
     }
 

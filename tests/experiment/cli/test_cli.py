@@ -57,6 +57,9 @@ def test_a_link_to_itself_is_told(palpate: Palpate, tmp_path: Path, command: str
     assert (code, "loop" in err) == (2, True)
 
 
+SHIPPED = ", ".join(sorted(file.stem for file in shipped("okamoto2012.toml").parent.glob("*.toml")))
+"""The ids of the protocols that come with palpate."""
+
 NASTY = "a\x1b[2J\u202e\nb"
 
 
@@ -204,7 +207,7 @@ def test_a_protocol_that_comes_with_palpate_is_named_by_its_id_and_a_file_goes_b
             (
                 list(words),
                 "'okamoto': got neither a file nor the id of a protocol that comes with palpate; allowed: a "
-                "protocol file, or okamoto2012, wellman1995; name one of these",
+                f"protocol file, or {SHIPPED}; name one of these",
             )
             for words in [
                 ("check", "okamoto"),

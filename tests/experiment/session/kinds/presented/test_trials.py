@@ -1,0 +1,211 @@
+"""Sessions of presented stimuli with a scripted actuator and experimenter: what is played when, and what is kept."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.experiment import storage
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.messages import ENTER, Repeat
+from palpate.experiment.desk.questions import Play, Reply
+from palpate.experiment.errors import ActuatorError, PalpateError
+from palpate.experiment.protocol.files import ProtocolFile, shipped
+from palpate.experiment.protocol.kinds.presented import Presented
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Answer, Armed, Entry, Footer, Header, PlannedTrial, Redo
+from palpate.experiment.records.kinds.presented import CutShort, Presentation
+from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.session import attempt, runner
+from palpate.experiment.session.kinds.presented.stimuli import rendered
+from palpate.experiment.session.kinds.presented.trials import PresentedDevices
+from tests.experiment.protocol.presented import presenting
+from tests.experiment.session.bench import HEADER
+from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole
+
+PRESENTED = (("felt",), ("cork",), ("cork", "felt"), ("felt", "cork", "felt"))
+
+
+def protocol(**changed: Any) -> Protocol:
+    study = ProtocolFile.model_validate(presenting())
+    return study.model_copy(update={"presented": study.table(Presented).model_copy(update=changed)})
+
+
+def header(presented: Iterable[tuple[str, ...]]) -> Header:
+    order = tuple(PlannedTrial(trial=n, presented=one) for n, one in enumerate(presented, start=1))
+    own = {"task": "one", "task_kind": "presented", "order": order, "block_trials": len(order)}
+    return HEADER.model_copy(update=own)
+
+
+class Bench:
+    """A session that is run, and run again, on the same disk."""
+
+    def __init__(self, folder: Path, study: Protocol, presented: Iterable[tuple[str, ...]], keys: str) -> None:
+        self.folder, self.study, self.header = folder, study, header(presented)
+        self.clock = ManualClock(START_NS)
+        self.actuator, self.console = ScriptedActuator(), ScriptedConsole(self.clock, keys)
+        self.pressed_ns: list[int] = []
+        self.console.instead[Play] = self.press
+
+    def press(self) -> Reply | None:
+        self.clock.sleep_ns(700_000_000)
+        self.pressed_ns.append(self.clock.now_ns())
+        return Reply(ENTER)
+
+    def run(self) -> Footer:
+        stimuli = rendered(self.study.table(Presented), self.actuator.rate_hz)
+        devices = attempt.Devices(
+            kind=PresentedDevices(self.actuator, stimuli),
+            console=self.console,
+            clock=self.clock,
+            masker=None,
+            reconnect_s=300.0,
+        )
+        rig_file = shipped("rigs/presented.toml")
+        return runner.run(
+            protocol=self.study, header=self.header, devices=devices, rig_file=rig_file, dataset=self.folder
+        )
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        return journal.read(storage.journal_path(self.folder, "01", "one")).entries
+
+    def of(self, kind: type[Any]) -> list[Any]:
+        return [entry for entry in self.entries if isinstance(entry, kind)]
+
+
+def test_each_trial_plays_what_it_presents_one_after_the_other(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, protocol(), PRESENTED, "fkfk")
+    assert bench.run().reason == "complete"
+    table = bench.study.table(Presented)
+    waves = rendered(table, bench.actuator.rate_hz)
+    flat = [material for trial in PRESENTED for material in trial]
+    assert len(bench.actuator.played) == len(flat)
+    for played, material in zip(bench.actuator.played, flat, strict=True):
+        np.testing.assert_array_equal(played, waves[material].waveform_m_s2)
+    kept = bench.of(Presentation)
+    assert [tuple(one.material for one in entry.intervals) for entry in kept] == [*PRESENTED]
+    assert table.pause_s is not None
+    for entry in kept:
+        for one, other in pairwise(entry.intervals):
+            ends_s = one.onset_ns / 1e9 + one.stimulus.lasts_s
+            assert other.onset_ns / 1e9 - ends_s == pytest.approx(table.pause_s, abs=1e-6)
+    # The answer is timed from the onset of the last one.
+    (first, *_), times = kept, [entry.response_time_s for entry in bench.of(Answer)]
+    assert times[0] >= first.intervals[-1].stimulus.lasts_s
+
+
+@pytest.mark.parametrize(("set_off", "asks"), [("experimenter", True), ("participant", True), ("clock", False)])
+def test_nothing_is_felt_before_the_gap_is_over_and_somebody_or_the_clock_sets_it_off(
+    tmp_path: Path, set_off: str, asks: bool
+) -> None:
+    bench = Bench(tmp_path, protocol(set_off=set_off, gap_s=5.0), PRESENTED[:2] * 2, "fkfk")
+    bench.run()
+    assert len(bench.pressed_ns) == 4 * asks
+    kept, answers = bench.of(Presentation), bench.of(Answer)
+    assert {entry.set_off for entry in kept} == {set_off}
+    for number, entry in enumerate(kept):
+        onset_ns = entry.intervals[0].onset_ns
+        if asks:
+            assert onset_ns == bench.pressed_ns[number]
+        if number:
+            before = kept[number - 1].intervals[-1].onset_ns / 1e9 + answers[number - 1].confirmed_s
+            assert onset_ns / 1e9 - before >= 5.0 - 1e-6
+            assert asks or onset_ns / 1e9 - before == pytest.approx(5.0, abs=1e-3)
+
+
+def test_a_stimulus_that_was_not_delivered_is_repeated_where_a_rule_says_so(tmp_path: Path) -> None:
+    rule = {"id": "not played", "when": "undelivered", "action": "repeat-trial", "reason": "it was not played"}
+    study = ProtocolFile.model_validate({**presenting(), "exclusion": (rule,)})
+    bench = Bench(tmp_path, study, PRESENTED[:2], "fk")
+    bench.actuator.heard.append(Delivered(requested_ns=0, xruns=1, delivered=False, reason="an xrun"))
+    assert bench.run().reason == "complete"
+    assert [entry.attempt for entry in bench.of(Presentation)] == [1, 1, 2]
+    assert [entry.put_off for entry in bench.of(Redo)] == [True]
+
+
+def test_a_device_that_fails_leaves_what_was_felt_on_record_and_the_trial_comes_again(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, protocol(), PRESENTED[2:3], "fk")
+    bench.actuator.heard.extend([None, ActuatorError("actuator", "it is gone")])
+    with pytest.raises(PalpateError):
+        bench.run()
+    (cut,) = bench.of(CutShort)
+    assert [one.material for one in cut.intervals] == ["cork", "felt"]
+    assert cut.put_off
+    assert bench.run().reason == "complete"
+    assert [(entry.trial, entry.attempt) for entry in bench.of(Presentation)] == [(1, 2)]
+
+
+def test_a_trial_that_is_asked_for_again_before_it_is_set_off_is_not_felt(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, protocol(), PRESENTED[:2], "fkfk")
+
+    def repeats() -> Reply | None:
+        session = next(one for one in reversed(bench.console.attended) if one is not None)
+        bench.console.instead[Play] = bench.press
+        session.remark(Repeat(trial=1, reason="they sneezed"))
+        return Reply(ENTER)
+
+    bench.console.instead[Play] = repeats
+    assert bench.run().reason == "complete"
+    (cut,) = bench.of(CutShort)
+    assert (cut.trial, cut.intervals, cut.put_off) == (1, (), False)
+    assert [entry.trial for entry in bench.of(Presentation)] == [2, 1]
+
+
+def test_a_session_that_is_interrupted_while_it_waits_goes_on_with_the_same_trial(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, protocol(), PRESENTED[:2], "fk")
+
+    def interrupts() -> Reply | None:
+        bench.console.instead[Play] = bench.press
+        raise KeyboardInterrupt
+
+    bench.console.instead[Play] = interrupts
+    assert bench.run().reason == "paused"
+    assert not bench.actuator.played
+    assert bench.run().reason == "complete"
+    assert [(one.trial, one.attempt) for one in bench.of(Armed)] == [(1, 1), (1, 2), (2, 1)]
+
+
+def test_a_level_multiplies_every_stimulus_of_its_trial(tmp_path: Path) -> None:
+    levels = {"method": "up-down", "grid": (0.25, 0.5, 1.0), "first": 0.5, "down": 1, "reversals": 2}
+    study = presenting(repetitions=4)
+    study["tasks"] = ({**study["tasks"][0], "levels": levels},)
+    read = ProtocolFile.model_validate(study)
+    bench = Bench(tmp_path, read, [("felt",), ("cork",)] * 4, "ffffffff")
+    bench.run()
+    waves = rendered(read.table(Presented), bench.actuator.rate_hz)
+    first = bench.actuator.played[0]
+    np.testing.assert_array_equal(first, 0.5 * waves["felt"].waveform_m_s2)
+
+
+ROOMS = ("session.kinds.footstep", "rehearsal", "recordings")
+UNNEEDED = tuple(f"palpate.experiment.{room}" for room in ROOMS)
+TRACKER = "palpate.experiment.apparatus.tracker"
+LEFT = {TRACKER, f"{TRACKER}.settings"}
+"""What a rig file is read with."""
+
+LOADS = """
+import sys
+from pathlib import Path
+from palpate.experiment.protocol import files
+from palpate.experiment.session import run
+from palpate.experiment.session.kind import session_kind
+protocol = files.load(Path(sys.argv[1]))
+session_kind(protocol.tasks[0])
+print(*sorted(sys.modules), sep="\\n")
+"""
+
+
+def test_a_session_of_presented_stimuli_loads_no_tracker_and_no_footstep() -> None:
+    words = [sys.executable, "-c", LOADS, str(shipped("presented.toml").resolve())]
+    loaded = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
+    assert not [name for name in loaded if name.startswith(UNNEEDED)]
+    assert {name for name in loaded if name.startswith(TRACKER)} <= LEFT
