@@ -1,17 +1,22 @@
 """Protocol files: their model, reading one, and finding those that come with palpate."""
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, create_model
 
-from palpate.experiment.errors import PalpateError
+from palpate.experiment import storage
+from palpate.experiment.errors import PalpateError, ProtocolError, mismatch
 from palpate.experiment.protocol import designs, kinds
 from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.kinds import kind_of
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import read
+
+LARGEST = 2**26
+"""No file beside a protocol's is larger, bytes: minutes of any recording."""
 
 PACKAGE = Path(__file__).parent.parent
 
@@ -39,7 +44,31 @@ ProtocolFile = create_model("ProtocolFile", __base__=Protocol, __module__=__name
 
 def load(path: Path) -> Protocol:
     """Return the protocol at `path`. Raises `ProtocolError` with all its problems, or its first syntax error."""
-    return read(path, ProtocolFile)
+    protocol = read(path, ProtocolFile)
+    protocol._folder = path.resolve().parent
+    return protocol
+
+
+def companion(protocol: Protocol, name: str) -> bytes:
+    """Return a file that stands beside a protocol's. Raises `ProtocolError` for one that is gone, or is another."""
+    path, sha256 = protocol.folder / name, protocol.companions[name]
+    try:
+        content = storage.read_bytes(path, LARGEST)
+    except OSError as error:
+        problem = mismatch("file", None, f"none that can be read ({error.strerror})", "one beside the protocol's")
+        raise ProtocolError.in_file(path, [problem]) from error
+    if (found := hashlib.sha256(content).hexdigest()) != sha256:
+        allowed = f"{sha256}, as the protocol says"
+        raise ProtocolError.in_file(path, [mismatch("sha256", None, found, allowed, "restore the file")])
+    return content
+
+
+def keep(file: Path, kept: Path) -> None:
+    """Copy a protocol's file with those beside it, which come first. Raises `ProtocolError` as `load` and `companion`."""
+    protocol = load(file)
+    for name in protocol.companions:
+        storage.write_bytes(kept.with_name(name), companion(protocol, name))
+    storage.write_bytes(kept, storage.read_bytes(file))
 
 
 def shipped(name: str) -> Path:

@@ -10,9 +10,10 @@ from datetime import date
 from fractions import Fraction
 from importlib import import_module
 from itertools import combinations, combinations_with_replacement
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from palpate.experiment.errors import ProtocolError, mismatch
 from palpate.experiment.protocol import rules
@@ -208,6 +209,11 @@ class KindTable(Confined):
     def gate(self) -> Step | None:
         """How the step is read; None where nobody steps."""
         return None
+
+    @property
+    def companions(self) -> Mapping[str, str]:
+        """The files that stand beside the protocol's, by name, each with its SHA-256."""
+        return {}
 
 
 Table = TypeVar("Table", bound=Confined)
@@ -448,6 +454,8 @@ class Protocol(Confined):
     exclusion: tuple[ExclusionRule, ...] = ()
     analysis: Annotated[tuple[PlannedTest, ...], Field(min_length=1)]
 
+    _folder: Path = PrivateAttr(Path())
+
     def task(self, task_id: str) -> Task:
         """Return the task with this id. Raises `KeyError` if there is none."""
         for task in self.tasks:
@@ -482,6 +490,16 @@ class Protocol(Confined):
         """Return the table of the kind of a task's trials, which has the kind's name; an empty one if left out."""
         table: KindTable | None = getattr(self, task.kind)
         return table or KindTable()
+
+    @property
+    def folder(self) -> Path:
+        """The folder of its file; the working folder for one that was read from none."""
+        return self._folder
+
+    @property
+    def companions(self) -> Mapping[str, str]:
+        """The files that stand beside its own, by name, each with its SHA-256."""
+        return {name: sha256 for task in self.tasks for name, sha256 in self.kind_table(task).companions.items()}
 
     def find(self, model: type[Table]) -> Table | None:
         """Return the table of a kind or a design; None in a study that has none."""

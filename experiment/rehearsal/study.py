@@ -300,7 +300,7 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path, panel:
     try:
         with storage.new_folder(out) as partial:
             kept = storage.protocol_path(partial)
-            storage.create(kept, storage.read_bytes(protocol_file))
+            files.keep(protocol_file, kept)
             opening.copy_rig(rig_file, kept.with_name("rig.toml"))
             if panel is not None:
                 storage.create(kept.with_name(PANEL_FILE), panel)

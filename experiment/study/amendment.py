@@ -88,7 +88,7 @@ def record(protocol_file: Path, planned: Approved, *, root: Path | None) -> Path
     """Record a planned approval, and return its copy of the protocol in the dataset. Raises as `Roster.approve`."""
     root = enrolment.study_begun(protocol_file, root)
     kept = storage.protocol_path(root, planned.number)
-    storage.write_bytes(kept, storage.read_bytes(protocol_file))
+    files.keep(protocol_file, kept)
     storage.write_bytes(approval.seal_path(kept), storage.read_bytes(approval.seal_path(protocol_file)))
     if (
         approvals.seal_sha256(kept) != planned.seal_sha256

@@ -287,7 +287,7 @@ def settle(
             settled_as = {"format": storage.DATASET_FORMAT, "seed": drawn, "purpose": purpose or "STUDY"}
             storage.write_json(storage.seed_path(root), settled_as | {"salt": secrets.token_hex(16)})
             storage.owners_alone(storage.seed_path(root))
-            storage.write_bytes(kept, storage.read_bytes(protocol_file))
+            files.keep(protocol_file, kept)
         elif not _is_version(root, protocol):
             raise _other_version(root, protocol_file)
     settled = seed_of(root)

@@ -8,7 +8,7 @@ from pydantic import Field
 from palpate.experiment.protocol.designs import NAMES, design_of
 from palpate.experiment.protocol.kinds import ProtocolKind, number_at, table_at, tables_at
 from palpate.experiment.protocol.models import KindTable
-from palpate.experiment.settings.load import Broken, Confined, Name, Rules, Table
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Name, Rules, Table
 
 OF_STEPS = ("frames-lost", "speed-below", "speed-above")
 """What only a footstep has, for an exclusion rule to judge."""
@@ -120,6 +120,28 @@ class Pulses(Confined):
     lasts_s: Lasts
 
 
+class Recorded(Confined):
+    """A recorded acceleration, from a WAV file beside the protocol's, less its mean.
+
+    Attributes:
+        file: the name of the file.
+        sha256: its hash, so that the protocol's own hash names one recording.
+        full_scale_m_s2: the acceleration of a sample of full scale.
+        begins_s: where in the file it begins.
+        lasts_s: how long it lasts.
+    """
+
+    file: Annotated[
+        str,
+        Field(pattern=r"^[^/\\\s.][^/\\\s]*\.wav$", description="the name of a .wav file in the protocol's folder"),
+        ONE_LINE,
+    ]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints")]
+    full_scale_m_s2: Annotated[float, Field(gt=0, le=10_000)]
+    begins_s: Annotated[float, Field(ge=0)] = 0.0
+    lasts_s: Lasts
+
+
 class Silence(Confined):
     """A gap, or no stimulus.
 
@@ -130,7 +152,7 @@ class Silence(Confined):
     lasts_s: Lasts
 
 
-WAVES = ("sinusoid", "decaying", "noise", "sweep", "pulses", "silence")
+WAVES = ("sinusoid", "decaying", "noise", "sweep", "pulses", "recorded", "silence")
 """What a part may be, by its table."""
 
 
@@ -155,6 +177,7 @@ class Part(Confined):
         noise: a burst of noise in a band.
         sweep: a sinusoid of which the frequency changes.
         pulses: a train of pulses.
+        recorded: a recorded waveform.
         silence: nothing.
     """
 
@@ -166,6 +189,7 @@ class Part(Confined):
     noise: Noise | None = None
     sweep: Sweep | None = None
     pulses: Pulses | None = None
+    recorded: Recorded | None = None
     silence: Silence | None = None
 
     @property
@@ -213,6 +237,12 @@ class Presented(KindTable):
     pause_s: Annotated[float, Field(ge=0.2, le=10)] | None = None
     left_out_max: Annotated[float, Field(gt=0, le=1)] | None = None
     stimuli: Annotated[tuple[PresentedStimulus, ...], Field(min_length=1)]
+
+    @property
+    def companions(self) -> dict[str, str]:
+        """The recordings that it names, each with its SHA-256."""
+        parts = (part.recorded for one in self.stimuli for part in one.parts)
+        return {recorded.file: recorded.sha256 for recorded in parts if recorded is not None}
 
 
 def _rules(table: Table) -> Iterator[Broken]:

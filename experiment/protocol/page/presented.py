@@ -32,6 +32,10 @@ _WAVES: Mapping[str, Callable[[Any], str]] = {
         f"a pulse every {number(it.every_s)} s, each one cycle of {number(it.cycle_hz)} Hz with "
         f"{number(it.amplitude_m_s2)} m/s^2 at its peak"
     ),
+    "recorded": lambda it: (
+        f"the recording {named(it.file)} from {number(it.begins_s)} s on, {number(it.full_scale_m_s2)} m/s^2 at full "
+        f"scale, with the SHA-256 {it.sha256}"
+    ),
     "silence": lambda _: "nothing",
 }
 

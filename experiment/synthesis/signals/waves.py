@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.spectra import grid, inverse_on, spectrum
 from palpate.experiment.synthesis.waveforms import Ring
 
 Wave = NDArray[np.float64]
@@ -90,6 +91,17 @@ def pulses(at: Times, *, every_s: float, cycle_hz: float, amplitude_m_s2: float)
     since = np.maximum(at.at - place * every_s, 0.0)
     whole = place * every_s + 1 / cycle_hz <= at.lasts_s + 1e-9
     return np.asarray(np.where(whole & (since < 1 / cycle_hz), amplitude_m_s2 * np.sin(2 * pi * cycle_hz * since), 0.0))
+
+
+def resampled(at: Times, samples: Wave, *, recorded_hz: int) -> Wave:
+    """Return a recording less its mean, shape (m,), at the times of a wave: by (1) and (5) of Okamoto et al.
+
+    The sums of its bins are those of `spectra.inverse_on`; at its own rate its samples are those that were recorded.
+    Raises `SynthesisError` as `spectra.grid`.
+    """
+    on = grid(samples=samples.size, bins=samples.size, rate_hz=recorded_hz, output_rate_hz=at.rate_hz)
+    made = samples - samples.mean() if recorded_hz == at.rate_hz else inverse_on(spectrum(samples)[: on.carried], on)
+    return np.asarray(np.pad(made[: at.at.size], (0, max(at.at.size - made.size, 0))))
 
 
 def silence(at: Times) -> Wave:

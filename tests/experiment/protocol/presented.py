@@ -16,14 +16,20 @@ WAVES: tuple[dict[str, Any], ...] = (
     {"pulses": {"every_s": 0.125, "cycle_hz": 100.0, "amplitude_m_s2": 1.5, "lasts_s": 0.5}},
     {"silence": {"lasts_s": 0.125}},
 )
+RECORDED: dict[str, Any] = {
+    "recorded": {"file": "felt.wav", "sha256": "0" * 64, "full_scale_m_s2": 20.0, "begins_s": 0.375, "lasts_s": 0.625}
+}
+"""A part that needs a file beside the protocol's."""
 
 
-def presenting(*, repetitions: int = 2, set_off: str = "experimenter") -> dict[str, Any]:
-    """The small study with a stimulus for each material: first a sinusoid, then all waves; arrays are tuples."""
+def presenting(
+    *, repetitions: int = 2, set_off: str = "experimenter", first: tuple[dict[str, Any], ...] = WAVES[:1]
+) -> dict[str, Any]:
+    """The small study with a stimulus for each material: `first`, then all waves; arrays are tuples."""
     study = document()
     del study["footstep"]
     names = [one["id"] for one in study["materials"]]
-    parts = [WAVES[:1], *(WAVES for _ in names[1:])]
+    parts = [first, *(WAVES for _ in names[1:])]
     stimuli = tuple({"material": name, "parts": own} for name, own in zip(names, parts, strict=True))
     study["format"] = 7
     study["presented"] = {
@@ -47,4 +53,4 @@ def protocol(**how: Any) -> Protocol:
     return ProtocolFile.model_validate(presenting(**how))
 
 
-STUDIES: tuple[Protocol, ...] = (protocol(),)
+STUDIES: tuple[Protocol, ...] = (protocol(first=(WAVES[0], RECORDED)),)

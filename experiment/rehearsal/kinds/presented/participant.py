@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.desk.questions import Arm, Event, Play, Played, Question, Reply
-from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.designs import Percept, judge_of
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
@@ -105,7 +104,7 @@ class Presentee(SimulatedPerson):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        rng, stimuli = self._rng(0), rendered(self.protocol.table(Presented), self.rate_hz)
+        rng, stimuli = self._rng(0), rendered(self.protocol, self.rate_hz)
         feelings = [feeling(stimuli[one.id].waveform_m_s2, self.rate_hz) for one in self.protocol.materials]
         self._observer = Observer([_blurred(one, rng) for one in feelings])
 
@@ -154,7 +153,7 @@ def _person(parts: Parts, **everybody: Any) -> Presentee:
 
 
 def _lacks_nothing(rig: Rig, protocol: Protocol) -> None:
-    rendered(protocol.table(Presented), rig.actuator.rate_hz)
+    rendered(protocol, rig.actuator.rate_hz)
 
 
 REHEARSAL = RehearsalKind(

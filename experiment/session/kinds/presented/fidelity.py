@@ -52,7 +52,7 @@ def on_rig(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> tuple[Made, ...
     drive = open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2)
     condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive)
     found = []
-    for material, stimulus in rendered(protocol.table(Presented), actuator.rate_hz).items():
+    for material, stimulus in rendered(protocol, actuator.rate_hz).items():
         played = condition(stimulus)
         kept = played.on_record()
         found.append(

@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.experiment.errors import SynthesisError
-from palpate.experiment.protocol.kinds.presented import Part, Presented, PresentedStimulus
+from palpate.experiment.errors import RecordingError, SynthesisError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.kinds.presented import Part, Presented, Recorded
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.synthesis.signals import waves
 from palpate.experiment.synthesis.signals.waves import Declared, Times, Wave
 
@@ -32,12 +34,18 @@ HIGHEST = ("frequency_hz", "high_hz", "from_hz", "to_hz", "cycle_hz")
 """Keys of waves that are frequencies which a device's rate has to carry."""
 
 
-def rendered(table: Presented, rate_hz: int) -> dict[str, Declared]:
+def rendered(protocol: Protocol, rate_hz: int) -> dict[str, Declared]:
     """Return the stimulus of each material, by its id, at a rate, Hz.
 
-    Raises `SynthesisError` for a frequency that the rate does not carry, and as `waves.band_noise`.
+    Raises `SynthesisError` for a frequency that the rate does not carry, and as `waves.band_noise`; `ProtocolError` and
+    `RecordingError` for a recording.
     """
-    return {one.material: _stimulus(one, rate_hz) for one in table.stimuli}
+    return {
+        one.material: Declared(
+            waves.joined([_part(protocol, part, rate_hz, one.material) for part in one.parts]), rate_hz
+        )
+        for one in protocol.table(Presented).stimuli
+    }
 
 
 def scaled(stimulus: Declared, factor: float) -> Declared:
@@ -50,11 +58,7 @@ def peak_m_s2(stimulus: Declared) -> float:
     return float(np.abs(stimulus.waveform_m_s2).max())
 
 
-def _stimulus(stimulus: PresentedStimulus, rate_hz: int) -> Declared:
-    return Declared(waves.joined([_part(part, rate_hz, stimulus.material) for part in stimulus.parts]), rate_hz)
-
-
-def _part(part: Part, rate_hz: int, material: str) -> Wave:
+def _part(protocol: Protocol, part: Part, rate_hz: int, material: str) -> Wave:
     name, wave = part.wave
     for key in HIGHEST:
         if 2 * getattr(wave, key, 0.0) >= rate_hz:
@@ -62,4 +66,22 @@ def _part(part: Part, rate_hz: int, material: str) -> Wave:
                 f"{name} of {material}: got {key} {getattr(wave, key):g} at {rate_hz} samples a second; allowed: less "
                 "than half of that; give a rig with a higher actuator.rate_hz"
             )
-    return waves.ramped(WAVES[name](wave, waves.times(part.lasts_s, rate_hz)), rate_hz=rate_hz, ramp_s=part.ramp_s)
+    at = waves.times(part.lasts_s, rate_hz)
+    made = _recording_wave(protocol, wave, at) if isinstance(wave, Recorded) else WAVES[name](wave, at)
+    return waves.ramped(made, rate_hz=rate_hz, ramp_s=part.ramp_s)
+
+
+def _recording_wave(protocol: Protocol, wave: Recorded, at: Times) -> Wave:
+    from palpate.experiment.recordings.wav import wav_samples
+
+    stored_hz, stored = wav_samples(files.companion(protocol, wave.file), file=wave.file)
+    first = round(wave.begins_s * stored_hz)
+    samples = stored[first : first + round(wave.lasts_s * stored_hz)]
+    if samples.ndim != 1 or samples.shape[0] < round(wave.lasts_s * stored_hz):
+        got = f"got {stored.shape[0] / stored_hz:g} s of {1 if stored.ndim == 1 else stored.shape[1]} channels"
+        raise RecordingError(wave.file, got, allowed=f"one channel, of {wave.begins_s + wave.lasts_s:g} s or more")
+    if stored.dtype.kind not in "if":
+        raise RecordingError(wave.file, "got samples of 8 bits", "export it again", allowed="16 bits or more, or float")
+    whole = float(np.iinfo(stored.dtype).max) + 1 if stored.dtype.kind == "i" else 1.0
+    m_s2 = samples.astype(np.float64) * (wave.full_scale_m_s2 / whole)
+    return waves.resampled(at, m_s2, recorded_hz=stored_hz)

@@ -56,7 +56,7 @@ class PresentedDevices:
 def open_presented(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, opened: ExitStack) -> PresentedDevices:
     """Open what a task needs; otherwise as `laboratory.open_laboratory`. Raises `SynthesisError` as `rendered`."""
     protocol, settings = sitting.protocol, sitting.rig.actuator
-    stimuli = rendered(protocol.table(Presented), settings.rate_hz)
+    stimuli = rendered(protocol, settings.rate_hz)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     drive = open_drive(sitting.rig_file.parent, settings, limit_m_s2=limit_m_s2)
     actuator = open_actuator(sitting, drive, stream=stream, ends=ends, opened=opened)

@@ -61,7 +61,7 @@ class Bench:
         return Reply(ENTER)
 
     def run(self) -> Footer:
-        stimuli = rendered(self.study.table(Presented), self.actuator.rate_hz)
+        stimuli = rendered(self.study, self.actuator.rate_hz)
         devices = attempt.Devices(
             kind=PresentedDevices(self.actuator, stimuli),
             console=self.console,
@@ -86,7 +86,7 @@ def test_each_trial_plays_what_it_presents_one_after_the_other(tmp_path: Path) -
     bench = Bench(tmp_path, protocol(), PRESENTED, "fkfk")
     assert bench.run().reason == "complete"
     table = bench.study.table(Presented)
-    waves = rendered(table, bench.actuator.rate_hz)
+    waves = rendered(bench.study, bench.actuator.rate_hz)
     flat = [material for trial in PRESENTED for material in trial]
     assert len(bench.actuator.played) == len(flat)
     for played, material in zip(bench.actuator.played, flat, strict=True):
@@ -181,7 +181,7 @@ def test_a_level_multiplies_every_stimulus_of_its_trial(tmp_path: Path) -> None:
     read = ProtocolFile.model_validate(study)
     bench = Bench(tmp_path, read, [("felt",), ("cork",)] * 4, "ffffffff")
     bench.run()
-    waves = rendered(read.table(Presented), bench.actuator.rate_hz)
+    waves = rendered(read, bench.actuator.rate_hz)
     first = bench.actuator.played[0]
     np.testing.assert_array_equal(first, 0.5 * waves["felt"].waveform_m_s2)
 
