@@ -64,7 +64,7 @@ def companion(protocol: Protocol, name: str) -> bytes:
 
 
 def keep(file: Path, kept: Path) -> None:
-    """Copy a protocol's file with those beside it, which come first. Raises `ProtocolError` as `load` and `companion`."""
+    """Copy a protocol's file with those beside it, which come first. Errors are those of `load` and `companion`."""
     protocol = load(file)
     for name in protocol.companions:
         storage.write_bytes(kept.with_name(name), companion(protocol, name))
