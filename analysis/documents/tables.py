@@ -210,6 +210,12 @@ def p_is(p: float) -> str:
     return f"P {shown}" if shown.startswith("<") else f"P = {shown}"
 
 
+def p_at_most(p: float) -> str:
+    """Return the largest of several P within a sentence: `each P ≤ 0.023`, or `each P < 0.001`."""
+    shown = probability(p)
+    return f"each P {shown}" if shown.startswith("<") else f"each P ≤ {shown}"
+
+
 class Limits(Protocol):
     """Two limits, either of which may be undefined."""
 

@@ -133,9 +133,7 @@ class TaskResult:
 def bracketed(tasks: Sequence[TaskResult]) -> str:
     """Return what brackets around stars say, where any of the tasks has them."""
     found = any(task.stars(test) != test.stars for task in tasks for test in task.tests)
-    return (
-        " Sign flips, the exact test over participants, which is ours, do not show stars in brackets." if found else ""
-    )
+    return " Exact sign flips over participants do not show stars in brackets." if found else ""
 
 
 @dataclass(frozen=True)

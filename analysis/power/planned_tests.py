@@ -36,8 +36,8 @@ ABOUT = blocks(Path(__file__).with_name("about.md"))
 
 ORDER, LOGIT = "order of tasks", "logit with participants"
 ADJUSTED = "Holm"
-FLIPS = ", sign flips (ours)"
-REPEATED = "repeated measures (ours)"
+FLIPS = ", sign flips (companion)"
+REPEATED = "repeated measures (companion)"
 MOST_CONFUSED = "most confused in each study"
 VARIANCE_COMPONENTS = "variance components"
 

@@ -247,7 +247,7 @@ def _stopped(
     for (one, first), (other, second) in combinations(zip(planned.tasks, right, strict=True), 2):
         if places := planned.places(one.id, other.id):
             gaps = first[places].mean(axis=0) / one.repetitions - second[places].mean(axis=0) / other.repetitions
-            yield f"{one.id} - {other.id}, paired (ours)", stops(gaps)
+            yield f"{one.id} - {other.id}, paired (companion)", stops(gaps)
 
 
 def _mean(shares: Floats, looks: Sequence[int]) -> float:

@@ -16,6 +16,7 @@ from palpate.analysis.documents.tables import (
     interval,
     joined,
     number,
+    p_at_most,
     p_is,
     probability,
     tabulate,
@@ -289,7 +290,7 @@ def _materials_above(task: TaskResult, level: float) -> str:
     parts = []
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
-        parts.append(f"above chance ({task.chance:.3g}) for {_listed(shown)} (sign flips, {p_is(most)} or less)")
+        parts.append(f"above chance ({task.chance:.3g}) for {_listed(shown)} (sign flips, {p_at_most(most)})")
     if others:
         parts.append(f"not shown above chance for {_listed(others)}")
     return f"{task.task.id}: {'; '.join(parts) or 'no answers'}."

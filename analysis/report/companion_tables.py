@@ -84,12 +84,12 @@ CONTRASTS = (
 def beside_section(found: Beside, stands: Standing, common: tuple[str, ...] = ()) -> Section:
     """Return tests that hold of what the analyses of variance ask, or why there is none, after what is `common`."""
     about = (
-        "Ours take participants as the unit, where the analyses of variance take each ratio as independent. Tests "
-        "against chance by sign flips, which are ours too, stand beside t."
+        "Companion tests take participants as the unit, where the analyses of variance take each ratio as independent. "
+        "Tests against chance by exact sign flips stand beside t."
     )
     missing = (f"There is no {name}: {reason}." for name, reason in found.statements.items())
     mark = stands.ours(TWO_WAY, *found.materials)
-    logit: Record = {"analysis": "logit by participant, material and task (ours)", "task": "all"}
+    logit: Record = {"analysis": "logit by participant, material and task (companion)", "task": "all"}
     lines = [(task, line) for task, of in found.materials.items() for line in of]
     lines += [("all", line) for line in found.both]
     tables = [_repeated(lines), _paired(found.paired), *([_logit(found.logit, logit)] if found.logit else ())]
@@ -106,7 +106,7 @@ def beside_section(found: Beside, stands: Standing, common: tuple[str, ...] = ()
 
 def _repeated(lines: Iterable[tuple[str, Repeated]]) -> Table:
     records: list[Record] = [
-        {"analysis": "repeated measures (ours)", "task": task, "source": line.effect, "n": line.n, "f": line.f,
+        {"analysis": "repeated measures (companion)", "task": task, "source": line.effect, "n": line.n, "f": line.f,
          "df": line.df1, "df2": line.df2, "epsilon": line.epsilon, "p": line.p, "p_uncorrected": line.p_uncorrected,
          "epsilon_greenhouse_geisser": line.greenhouse_geisser}
         for task, line in lines
@@ -120,7 +120,7 @@ def _repeated(lines: Iterable[tuple[str, Repeated]]) -> Table:
 
 def _paired(pairs: Iterable[Paired]) -> Table:
     records: list[Record] = [
-        {"analysis": "paired tasks (ours)", "task": _versus(one.first, one.second), "n": one.test.n,
+        {"analysis": "paired tasks (companion)", "task": _versus(one.first, one.second), "n": one.test.n,
          "mean": one.test.mean, **ends(one.interval),
          "sd": one.test.sd, "t": one.test.t, "df": one.test.df, "p": one.test.p,
          "cohens_d": one.test.d, **ends(one.d, "d_"), "p_sign_flip": one.flip.p}
@@ -182,8 +182,8 @@ def equivalence_section(results: Results) -> Section:
         *(f"{why[0].upper()}{why[1:]}." for why in found.statements),
     )
     own = (
-        f"The margin is ours, {MARGIN:g}, one answer in ten, and the test is exploratory. Planned margins stand with "
-        "the planned tests."
+        f"The margin is {MARGIN:g}, one answer in ten, by our choice, and the test is exploratory. Planned margins "
+        "stand with the planned tests."
     )
     tasks = (
         "Each participant's share of right answers in the first task less that in the second, of those who did both. "
@@ -191,8 +191,8 @@ def equivalence_section(results: Results) -> Section:
     )
     pairs = ABOUT["equivalence of pairs"].substitute(own=own)
     tables = (
-        _equivalent("Ours, the same in both tasks: right answers", "tasks", "presented", found.tasks, tasks),
-        _equivalent("Ours, not told apart: pairs of materials", "task", "pair", found.pairs, pairs),
+        _equivalent("The same in both tasks: right answers", "tasks", "presented", found.tasks, tasks),
+        _equivalent("Not told apart: pairs of materials", "task", "pair", found.pairs, pairs),
     )
     return Section("equivalence", "Equivalence", about, tuple(table for table in tables if table.rows))
 
@@ -228,7 +228,7 @@ def _tables(found: Marginal) -> tuple[Table, ...]:
     pairs = "P (Holm) is adjusted over the pairs of one task. "
     every = "P (Holm) is adjusted over all rows of this table. "
     return (
-        tabulate("Ours, marginal means of right answers", MEANS, means, [note]),
+        tabulate("Marginal means of right answers", MEANS, means, [note]),
         _contrasts("materials within a task", "task", found.materials, pairs + held.format(often=MATERIALS)),
         _contrasts("tasks within a material", "presented", found.tasks, every + held.format(often=TASKS)),
     )
@@ -259,7 +259,7 @@ def lapses_section(results: Results, materials: tuple[str, ...], remark: tuple[s
                 "Not shown to have known any trial, at 5 % and one-tailed, each taken alone: "
                 f"{', '.join(found.guessing)}."
             )
-        title = f"Ours, {one.task}: biases and lapses"
+        title = f"{one.task}: biases and lapses"
         table = tabulate(title, LAPSED, side_by_side(records), notes)
         tables.append(replace(table, records=(*records, *further)))
     return Section("lapses", "Biases and lapses", (about, *remark), tuple(tables))
@@ -275,4 +275,4 @@ LAPSES, MATERIALS, TASKS, EQUIVALENT = "91 to 97 %", "2 to 6 %", "0 to 5 %", "0 
 
 def _contrasts(name: str, within: str, of: Iterable[Contrast], note: str) -> Table:
     records = [{"table": name, **asdict(one)} for one in of]
-    return tabulate(f"Ours, {name}", (Column("within", within, left=True), *CONTRASTS), records, [note])
+    return tabulate(name[:1].upper() + name[1:], (Column("within", within, left=True), *CONTRASTS), records, [note])

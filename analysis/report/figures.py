@@ -436,7 +436,7 @@ def contrast_sheet(
     axes.set_xlim(-0.5, len(materials) - 0.5)
     drawing.key(axes)
     said = (
-        f"Ours: marginal means of right answers of {found.participants} participants, on the logit, with their 95 % "
+        f"Marginal means of right answers of {found.participants} participants, on the logit, with their 95 % "
         "intervals, of a participant in the middle. Dashed: chance. Where intervals of two materials or tasks overlap "
         "they may differ all the same; the tables here test it."
     )

@@ -12,6 +12,7 @@ from palpate.analysis.documents.tables import (
     ends,
     interval,
     joined,
+    p_at_most,
     p_is,
     plural,
     probability,
@@ -27,7 +28,7 @@ from palpate.analysis.statistics.shares import Limits
 CORRECT = (
     Column("task", left=True), Column("of", "presented", left=True), Column("n"), Column("value", "correct"),
     Column(("low", "high"), "95 % CI", show=lambda *limits: bounds(Limits(*limits))),
-    Column("p_of_stars", "P", show=probability), Column("p_sign_flip_of_stars", "ours: P", show=probability),
+    Column("p_of_stars", "P", show=probability), Column("p_sign_flip_of_stars", "sign flips: P", show=probability),
     Column("stars", "", left=True),
 )  # fmt: skip
 OF_STARS = ("p_of_stars", "p_sign_flip_of_stars")
@@ -48,8 +49,8 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     alone = any(test.result.n == 1 for _, test in tested)
     single = " Of one participant they are Clopper and Pearson's, of that participant's trials." if alone else ""
     notes = (
-        f"Correct answer ratios with intervals over participants.{single} P is of t against chance, {said}; ours is "
-        f"that of sign flips. Stars follow P of t.{bracketed(results.tasks)}",
+        f"Correct answer ratios with intervals over participants.{single} P is of t against chance, {said}, and "
+        f"that of exact sign flips. Stars follow P of t.{bracketed(results.tasks)}",
     )
     mark = ", ".join(dict.fromkeys(stands.of_any(CHANCE, task.task.id) for task in results.tasks))
     records = [_record(task, test) for task, test in tested]
@@ -72,18 +73,18 @@ def _further(results: Results) -> Iterator[Record]:
     for one in results.identifications:
         if one.jackknife and one.information:
             bits = one.jackknife
-            yield {"quantity": "information, jackknife (ours), bits", "task": one.task, "value": bits.value,
+            yield {"quantity": "information, jackknife (companion), bits", "task": one.task, "value": bits.value,
                    "low": bits.low, "high": bits.high, "also_in": "confusions.csv"}  # fmt: skip
     if results.two_way and (effect := results.two_way[1].effects[0]).f is not None:
         yield {"quantity": "two-way ANOVA, type II, F", "of": effect.name, "statistic": effect.f, "df1": effect.df,
                "df2": results.two_way[1].residual.df, "p": effect.p, "also_in": "anova.csv"}  # fmt: skip
     for pair in results.beside.paired:
-        yield {"quantity": "paired difference (ours)", "of": f"{pair.first} - {pair.second}", "n": pair.test.n,
+        yield {"quantity": "paired difference (companion)", "of": f"{pair.first} - {pair.second}", "n": pair.test.n,
                "value": pair.test.mean, **ends(pair.interval), "statistic": pair.test.t, "df1": pair.test.df,
                "p": pair.test.p, "p_sign_flip_ours": pair.flip.p, "also_in": "beside.csv"}  # fmt: skip
     for task, lines in results.beside.materials.items():
         for line in lines:
-            yield {"quantity": "repeated measures (ours), F", "task": task, "of": line.effect, "n": line.n,
+            yield {"quantity": "repeated measures (companion), F", "task": task, "of": line.effect, "n": line.n,
                    "statistic": line.f, "df1": line.df1, "df2": line.df2, "p": line.p,
                    "also_in": "beside.csv"}  # fmt: skip
 
@@ -93,17 +94,14 @@ def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
     yield from _tested(task, level)
     yield from _untested(task, level)
     if (least := _least(task)) >= level:
-        yield (
-            "Sign flips, which are ours, cannot show it: with so few who differ from chance, their P is at least "
-            f"{least:.3g}."
-        )
+        yield (f"Exact sign flips cannot show it: with so few who differ from chance, their P is at least {least:.3g}.")
     if len(pairs := task.confusion.most_confused()) == 1:
         yield f"Most often taken for one another were {joined(pairs[0])}."
     elif pairs:
         yield f"{len(pairs)} pairs were taken for one another most often, and equally often; none is most."
     if one.jackknife and one.information:
         bits, limits = one.jackknife, interval(one.jackknife, 2)
-        yield f"Answers transmitted {bits.value:.2f} of {one.information.presented:.2f} bits a trial ({limits}; ours)."
+        yield f"Answers transmitted {bits.value:.2f} of {one.information.presented:.2f} bits a trial ({limits})."
 
 
 def _tested(task: TaskResult, level: float) -> Iterator[str]:
@@ -114,14 +112,14 @@ def _tested(task: TaskResult, level: float) -> Iterator[str]:
             by_t = task.shows_above(test, test.p_holm if task.correction else test.result.p, level)
             by_flips = task.shows_above(test, task.flip(test), level) if test.flip or not by_t else None
             groups.setdefault((by_t, by_flips), []).append(test)
-    flips = "" if _least(task) >= level else "; sign flips, which are ours, do not show it"
+    flips = "" if _least(task) >= level else "; exact sign flips do not show it"
     said = {
         (True, True): ("Answers were {} for {}.", ""),
         (True, False): (f"By t alone answers were {{}} for {{}}{flips}.", f"By t alone this is so for {{}}{flips}."),
-        (True, None): ("By t answers were {} for {}; sign flips, which are ours, are not defined for it.",
-                       "By t this is so for {}; sign flips, which are ours, are not defined for it."),
-        (False, True): ("By sign flips alone, which are ours, answers were {} for {}; t does not show it.",
-                        "By sign flips alone, which are ours, this is so for {}; t does not show it."),
+        (True, None): ("By t answers were {} for {}; exact sign flips are not defined for it.",
+                       "By t this is so for {}; exact sign flips are not defined for it."),
+        (False, True): ("By exact sign flips alone answers were {} for {}; t does not show it.",
+                        "By exact sign flips alone this is so for {}; t does not show it."),
         (False, False): ("Answers were not shown to be {}: {}.", "This was not shown for {}."),
     }  # fmt: skip
     first = True
@@ -151,7 +149,7 @@ def _untested(task: TaskResult, level: float) -> Iterator[str]:
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
         names = "all of them" if len(shown) == len(found) > 1 else joined([test.material for test in shown])
-        yield f"Sign flips, which are ours, show more right answers than by chance for {names} ({p_is(most)} or less)."
+        yield f"Exact sign flips show more right answers than by chance for {names} ({p_at_most(most)})."
 
 
 def _listed(tests: Sequence[MaterialTest]) -> str:
@@ -172,7 +170,7 @@ def _differences(results: Results, level: float) -> Iterator[str]:
         mean, p = one.test.mean, one.test.p
         if mean is not None and p is not None:
             yield (
-                f"Ours, over the {one.test.n} who did both: {one.first} less {one.second} is {mean:.3f} "
+                f"Over the {one.test.n} who did both: {one.first} less {one.second} is {mean:.3f} "
                 f"(95 % CI {interval(one.interval)}; t({one.test.df}) = {one.test.t:.2f}, {p_is(p)}; sign flips, "
                 f"{p_is(one.flip.p)})."
             )
@@ -186,4 +184,4 @@ def _differences(results: Results, level: float) -> Iterator[str]:
             test = f"F({line.df1}, {line.df2}) = {line.f:.2f}, {p_is(line.p)}"
             told.append(f"the materials of {task} {differ} ({test})")
     if told:
-        yield f"Ours, repeated measures: {joined(told)}."
+        yield f"Repeated measures: {joined(told)}."

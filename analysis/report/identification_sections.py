@@ -102,11 +102,11 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
 
 
 TASK = Column("task", left=True)
-JACKKNIFE = "information, jackknife (ours)"
+JACKKNIFE = "information, jackknife (companion)"
 INFORMATION = (
     TASK, Column("trials"), Column("entropy presented", "presented"), Column("information, bits", "transmitted"),
     Column("information, Miller-Madow", "Miller-Madow"), Column("information, Panzeri-Treves", "Panzeri-Treves"),
-    Column(JACKKNIFE, "jackknife (ours)"), Column((f"{JACKKNIFE}_low", f"{JACKKNIFE}_high"), "95 % CI"),
+    Column(JACKKNIFE, "jackknife (companion)"), Column((f"{JACKKNIFE}_low", f"{JACKKNIFE}_high"), "95 % CI"),
 )  # fmt: skip
 
 
@@ -319,7 +319,7 @@ def _left_out(found: TrialLevel) -> list[str]:
 
 
 GEE = (
-    "The {spread} is {value:.3f}. The standard errors are those of Kauermann and Carroll. F is ours, after Hotelling, "
+    "The {spread} is {value:.3f}. The standard errors are those of Kauermann and Carroll. F is after Hotelling, "
     "and erred in 4 to 6 % of SIMULATED studies of 6 to 25 participants, at a nominal 5 %; taken as chi-squared, tests "
     "of four materials erred in 19 to 20 % with 10."
 )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 ABOUT = blocks(Path(__file__).with_name("about.md"))
 """What sections say of how they were made, by name."""
 
-PLANNED, PUBLISHED, OURS, EXPLORATORY, DESCRIPTIVE = "planned", "published", "ours", "exploratory", "descriptive"
+PLANNED, PUBLISHED, OURS, EXPLORATORY, DESCRIPTIVE = "planned", "published", "companion", "exploratory", "descriptive"
 
 T, ONE_WAY, TWO_WAY, ICC = "t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"
 CHANCE = T, "sign flips against chance"
@@ -262,7 +262,7 @@ def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
     missing = [test for test in found.tests if test.result.p is None]
     why = f", not defined for {', '.join(test.material for test in missing)}" if missing and tested else ""
     of = f"{above} of {len(found.tests)} materials shown above chance" if tested else "t is defined for no material"
-    by_flips = f"{flips} by sign flips, ours" if tested else f"{flips} shown above chance by sign flips, ours"
+    by_flips = f"{flips} by exact sign flips" if tested else f"{flips} shown above chance by exact sign flips"
     ours = f", and {by_flips}" if any(test.flip for test in found.tests) else ""
     return f"{task} run: {of}{ours}{why}"
 

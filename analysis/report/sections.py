@@ -218,8 +218,8 @@ TESTS = (
     Column("p_holm", "P (Holm)", show=probability), Column("stars", "", left=True), Column("cohens_d", "d", 2),
     Column(("d_low", "d_high"), "95 % CI of d", 2, brief=False),
     Column("log_bf10", "BF10", show=bayes_factor, brief=False),
-    Column("p_sign_flip_ours", "ours: P", show=probability),
-    Column("p_sign_flip_holm", "ours: Holm", show=probability, brief=False),
+    Column("p_sign_flip_ours", "sign flips: P", show=probability),
+    Column("p_sign_flip_holm", "sign flips: Holm", show=probability, brief=False),
 )  # fmt: skip
 
 
@@ -252,7 +252,7 @@ def tests_section(results: Results) -> Section:
         title = f"{task.task.title}: correct answers against chance, {task.chance:.4g}"
         key = task.task.id
         tables.append(replace(tabulate(title, TESTS, tests, notes, key=key), records=(*tests, *absent)))
-        said = f"Ours: the exact test by sign flips.{bracketed([task])}"
+        said = f"The exact test is by sign flips.{bracketed([task])}"
         brief.append(tabulate(title, TESTS, tests, (*notes, said), brief=True, key=key))
     about = plans.ABOUT["tests"].substitute()
     families = tuple(_families(results))

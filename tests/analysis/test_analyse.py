@@ -151,12 +151,12 @@ def test_the_report_has_3500_words_at_most(okamoto: Analysis) -> None:
 def test_every_table_says_whether_it_was_planned_published_ours_or_exploratory(okamoto: Analysis) -> None:
     """The paper prints Tables 1 and 2, t, both ANOVAs and an ICC; the one-way ANOVA of Task 2 is not in it."""
     marks = {(part.slug, table.title): table.standing for part in okamoto.sections for table in part.tables}
-    words = {"published", "ours", "exploratory", "descriptive"}
+    words = {"published", "companion", "exploratory", "descriptive"}
     assert all(mark and set(mark.split(", ")) <= words for mark in marks.values())
     by_slug = {slug: {mark for (of, _), mark in marks.items() if of == slug} for slug, _ in marks}
     published = ("found", "confusion", "tests", "icc")
     assert {slug: by_slug[slug] for slug in published} == {slug: {"published"} for slug in published}
-    assert by_slug["beside"] == by_slug["intervals"] == {"ours"}
+    assert by_slug["beside"] == by_slug["intervals"] == {"companion"}
     assert by_slug["confusions"] == {"exploratory"}
     one_way = {title.split(":")[0]: mark for (_, title), mark in marks.items() if title.startswith("One-way")}
     assert one_way == {"One-way, virtual": "published", "One-way, real": "exploratory"}

@@ -145,7 +145,7 @@ def intervals(shown: Counts, share: float) -> Iterator[tuple[str, Iterable[bool]
         # Fano's bound counts where more than 0.9 are right, which none of these studies comes near.
         own = information_limits(study, information(study.sum(axis=0)), (0.0, 1.0))
         found.append(own.low <= bits <= own.high)
-    yield "jackknife, information (ours)", found
+    yield "jackknife, information (companion)", found
     # Wrong answers are as frequent, so that a share of right answers is 1 - 3/4 of the lapses.
     lapse, held_lapses = (1 - share) * 4 / 3, []
     for study in shown[0]:
@@ -154,7 +154,7 @@ def intervals(shown: Counts, share: float) -> Iterator[tuple[str, Iterable[bool]
         left = (people - 1) * 4 * TRIALS
         own = jackknife(float(guessed[0]) / (people * 4 * TRIALS), guessed[1:] / left)
         held_lapses.append(own.low <= lapse <= own.high)
-    yield "jackknife, lapses (ours)", held_lapses
+    yield "jackknife, lapses (companion)", held_lapses
 
 
 def one_by_one(shown: Counts) -> Iterator[tuple[str, bool]]:
@@ -177,7 +177,7 @@ def gee(shown: Counts) -> Iterator[tuple[str, bool]]:
         terms = {}
     for of in ("task", "material"):
         term = terms.get(of)
-        yield f"GEE logit, {of} (ours)", term is not None and term.p < ALPHA
+        yield f"GEE logit, {of} (companion)", term is not None and term.p < ALPHA
         wald = term.statistic * term.df * (people - 1) / (people - term.df) if term else 0.0
         p = float(stats.chi2.sf(wald, term.df)) if term else 1.0
         yield f"GEE logit, {of}, as chi-squared (not printed)", p < ALPHA
@@ -190,9 +190,9 @@ def _contrasts(shown: Counts) -> Iterator[tuple[str, bool]]:
     except NotDefined:
         return
     for name, of in (("materials within a task", found.materials), ("tasks within a material", found.tasks)):
-        yield from ((f"contrast of {name} (ours)", one.p < ALPHA) for one in of)
+        yield from ((f"contrast of {name} (companion)", one.p < ALPHA) for one in of)
         family = [one for one in of if name[0] == "t" or one.within == "one"]
-        yield f"any contrast of {name}, Holm (ours)", any(one.p_holm < ALPHA for one in family)
+        yield f"any contrast of {name}, Holm (companion)", any(one.p_holm < ALPHA for one in family)
 
 
 def matrices(counts: Counts) -> dict[str, Confusion]:

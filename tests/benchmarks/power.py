@@ -155,7 +155,9 @@ def ours(design: Design, drawn: dict[str, np.ndarray]) -> list[float]:
     return [
         float(answer.p[0])
         for question, answer in answers.items()
-        if answer.p is not None and "cells" not in question.subject and "(ours)" not in question.subject + question.test
+        if answer.p is not None
+        and "cells" not in question.subject
+        and "(companion)" not in question.subject + question.test
     ]
 
 

@@ -95,10 +95,13 @@ def test_everything_of_ours_says_so(tmp_path: Path) -> None:
         Standing(frozenset({(TWO_WAY, "real")}), frozenset(), frozenset()),
     )
     shown = [beside_section(results.beside, stands) for stands in (planned, nothing)]
-    assert [table.standing for section in shown for table in section.tables] == ["ours"] * 3 + ["ours, exploratory"] * 3
+    assert [table.standing for section in shown for table in section.tables] == ["companion"] * 3 + [
+        "companion, exploratory"
+    ] * 3
     records = shown[0].records
-    assert {str(one["analysis"]) for one in records if "(ours)" in str(one["analysis"])} == {
-        "repeated measures (ours)", "paired tasks (ours)", "logit by participant, material and task (ours)",
+    assert {str(one["analysis"]) for one in records if "(companion)" in str(one["analysis"])} == {
+        "repeated measures (companion)", "paired tasks (companion)",
+        "logit by participant, material and task (companion)",
     }  # fmt: skip
 
 

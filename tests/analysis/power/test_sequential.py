@@ -100,7 +100,7 @@ def test_everybody_right_defines_no_t_but_sign_flips() -> None:
     found = run(DESIGN, model(1.0, 0.0), study="s", rule="pocock", looks=(6, 12), alike=0.5, studies=50, seed=1)
     power = {one.subject: sum(one.found) for one in found.outcomes}
     assert power["copy paper, virtual"] == 0.0
-    assert power["copy paper, virtual, sign flips (ours)"] == 1.0
+    assert power["copy paper, virtual, sign flips (companion)"] == 1.0
 
 
 def test_the_same_seed_gives_the_same_and_looks_are_checked() -> None:
@@ -134,8 +134,8 @@ def test_tasks_are_looked_at_over_the_materials_that_both_present() -> None:
     both = asked("aluminum foil", "typing paper")
     assert {name for name in both if "flips" not in name} == {
         "copy paper, virtual", "aluminum foil, virtual", "aluminum foil, real", "typing paper, real",
-        "virtual - real, paired (ours)",
+        "virtual - real, paired (companion)",
     }  # fmt: skip
-    assert both["virtual - real, paired (ours)"] < 0.12
+    assert both["virtual - real, paired (companion)"] < 0.12
     assert both["typing paper, real"] > 0.99
-    assert "virtual - real, paired (ours)" not in asked("typing paper")
+    assert "virtual - real, paired (companion)" not in asked("typing paper")

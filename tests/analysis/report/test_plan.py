@@ -100,7 +100,7 @@ def test_what_is_planned_is_marked_and_a_new_study_is_no_published_one(root: Pat
     marks = {section.slug: {table.standing for table in section.tables} for section in found}
     assert marks["tests"] == {"planned"}
     assert marks["icc"] == {"planned", "exploratory"}
-    assert marks["beside"] == {"ours"}
+    assert marks["beside"] == {"companion"}
     assert marks["trials"] <= {"exploratory"}
     assert {section.part for section in found} == {
         "",
@@ -169,7 +169,7 @@ def test_without_a_plan_nothing_is_called_planned(tmp_path: Path, approved: Snap
     found = sections(study, compute(study, {}), None, None)
     assert found[2].paragraphs == approved
     assert {table.standing for section in found for table in section.tables} == {
-        "exploratory", "descriptive", "ours, exploratory",
+        "exploratory", "descriptive", "companion, exploratory",
     }  # fmt: skip
     assert alpha(study, "t against chance", "real") == 0.05
 
