@@ -279,7 +279,7 @@ def spectrum(
     decimal
         The decimal sign of a text file that does not say: a point or a comma.
     time_unit
-        The unit of the times of a text file that does not say: s, ms, us, ns, min or h.
+        The unit of the times of a text file that does not say: s, ms, us, ns, min, h or d.
     time_column
         The name of the column of times, where it does not say so or there are several.
     axes

@@ -55,7 +55,7 @@ Encoding = Annotated[
 ]
 Decimal = Annotated[str | None, typer.Option("--decimal", help="Decimal sign of a text file [default: as it shows].")]
 TimeUnit = Annotated[
-    str | None, typer.Option("--time-unit", help="Unit of the times: s, ms, us, ns, min or h [default: the file's].")
+    str | None, typer.Option("--time-unit", help="Unit of the times: s, ms, us, ns, min, h or d [default: the file's].")
 ]
 TimeColumn = Annotated[
     str | None, typer.Option("--time-column", help="Name of the column of times, where a text file has several.")

@@ -25,8 +25,17 @@ SEEN = 1e-3
 LONGEST_GAP = 8
 """More missing samples in a row are no longer bridged by a curve. Ours: 8 ms at 1 kHz."""
 
+FEWEST_TURNS = 10
+"""So often the rarer of two steps has to come for times to count as rounded."""
+
 CLIPPED_RUN = 3
 """So many samples in a row at an end of the range look clipped."""
+
+CROWDED = 10
+"""So many times more samples at an end than at the value next to it look clipped. Ours."""
+
+CROWDED = 10
+"""So many times more samples at an end than at the value next to it look clipped. Ours."""
 
 RESTS = 0.5
 """A signal that stands at an end for this share of its samples or more rests there."""
@@ -34,10 +43,14 @@ RESTS = 0.5
 
 @dataclass(frozen=True)
 class Grid:
-    """An even grid: its rate, Hz, and the largest departure of a sample from it, in steps."""
+    """An even grid: its rate, Hz, and the largest departure of a sample from it, in steps.
+
+    `resolution_s` is that of times that were rounded or cut to less than a step's accuracy; 0 for others.
+    """
 
     rate_hz: float
     jitter: float
+    resolution_s: float = 0.0
 
 
 def even(times_s: Floats, lines: Lines, stated: Stated) -> Grid:
@@ -48,23 +61,26 @@ def even(times_s: Floats, lines: Lines, stated: Stated) -> Grid:
     median = _median_step(times_s)
     steps = np.diff(times_s)
     worst = int(np.argmax(np.abs(steps - median)))
-    if not (0 < median < np.inf and abs(steps[worst] - median) <= LARGEST_STEP_ERROR * median):
+    even_steps = 0 < median < np.inf and abs(steps[worst] - median) <= LARGEST_STEP_ERROR * median
+    grid = _departure(times_s) if even_steps else None
+    if grid is not None and grid.jitter <= LARGEST_STEP_ERROR:
+        return grid
+    if (rounded := _rounded(times_s)) is not None:
+        return rounded
+    if grid is None:
         raise RecordingError(
             f"got a time step of {steps[worst]:g} s",
             remedy=_evenly(times_s, stated, "record without gaps, or cut the file there"),
             allowed=f"within {LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s",
             line=lines[worst + 1],
         )
-    grid = _departure(times_s)
-    if not grid.jitter <= LARGEST_STEP_ERROR:
-        at = int(np.argmax(np.abs(times_s - np.arange(times_s.size) / grid.rate_hz)))
-        raise RecordingError(
-            f"got a sample {grid.jitter:.2f} steps away from an even grid",
-            remedy=_evenly(times_s, stated, "record at a steady rate"),
-            allowed=f"{LARGEST_STEP_ERROR} steps",
-            line=lines[at],
-        )
-    return grid
+    at = int(np.argmax(np.abs(times_s - np.arange(times_s.size) / grid.rate_hz)))
+    raise RecordingError(
+        f"got a sample {grid.jitter:.2f} steps away from an even grid",
+        remedy=_evenly(times_s, stated, "record at a steady rate"),
+        allowed=f"{LARGEST_STEP_ERROR} steps",
+        line=lines[at],
+    )
 
 
 @dataclass(frozen=True)
@@ -84,13 +100,13 @@ class Resampled:
 
 
 def resampled(times_s: Floats, samples: Floats, lines: Lines) -> Resampled | None:
-    """Return samples at the median rate, by a cubic spline through those at `times_s`, both of shape (n,).
+    """Return samples at their mean rate, gaps apart, by a cubic spline through those at `times_s`, both of shape (n,).
 
     None where they lie on an even grid already. Raises `RecordingError` for times that do not rise, and for a gap of
     more than `LONGEST_GAP` missing samples.
     """
     median, steps = _median_step(times_s), np.diff(times_s)
-    if _departure(times_s).jitter <= SEEN:
+    if _departure(times_s).jitter <= SEEN or _rounded(times_s) is not None:
         return None
     if not (steps > 0).all():
         at = int(np.argmin(steps > 0))
@@ -106,13 +122,14 @@ def resampled(times_s: Floats, samples: Floats, lines: Lines) -> Resampled | Non
             allowed=f"at most {LONGEST_GAP}, for a curve to bridge them",
             line=lines[at + 1],
         )
-    places = np.arange(int(times_s[-1] / median + 1e-9) + 1) * median
+    step = float(times_s[-1]) / (steps.size + int(missing.sum()))
+    places = np.arange(steps.size + int(missing.sum()) + 1) * step
     between, rest = slice(1, -1, 2), slice(None, None, 2)
     off = samples[between] - CubicSpline(times_s[rest], samples[rest])(times_s[between])
     spread = float(samples.std())
     error = float(np.sqrt(np.mean(off**2))) / spread if spread > 0 else 0.0
     return Resampled(
-        CubicSpline(times_s, samples)(places), Grid(1 / median, 0.0), error, int(missing.sum()), int(missing.max())
+        CubicSpline(times_s, samples)(places), Grid(1 / step, 0.0), error, int(missing.sum()), int(missing.max())
     )
 
 
@@ -128,24 +145,51 @@ class Clipping:
 def clipping(samples: NDArray[np.generic]) -> Clipping | None:
     """Return how samples, shape (n,), look clipped; None for others.
 
-    They do where they stand at the largest or the smallest value for `CLIPPED_RUN` samples in a row, twice or more,
-    though never for `RESTS` of all samples, after a step of more than three times the finest difference of neighbors:
-    the top of a slow oscillation in whole counts is flat, too, but no such step leads to it.
+    They do where they stand at the largest or the smallest value for `CLIPPED_RUN` samples in a row, twice or more, and
+    in `CROWDED` times as many samples as at the value next to it: at the top of an oscillation in whole counts it is
+    some 2.4 times, by the arcsine law. A signal that stands at zero, or for `RESTS` of all samples, rests there.
     """
     values = samples.astype(np.float64)
-    steps = np.abs(np.diff(values))
-    if not steps.any():
+    if np.ptp(values) == 0:
         return None
-    into, ends, lengths = np.concatenate(([0.0], steps, [0.0])), [], []
-    least = 3 * float(steps[steps > 0].min())
-    for end in (float(values.max()), float(values.min())):
-        turns = np.diff(np.concatenate(([0], (values == end).astype(np.int8), [0])))
-        begins, stops = np.flatnonzero(turns == 1), np.flatnonzero(turns == -1)
-        clipped = (stops - begins >= CLIPPED_RUN) & (np.maximum(into[begins], into[stops]) > least)
-        if clipped.any() and (stops - begins)[clipped].sum() < RESTS * values.size:
-            ends.append(end)
-            lengths += (stops - begins)[clipped].tolist()
+    ends: list[float] = []
+    lengths: list[int] = []
+    for sign in (1.0, -1.0):
+        signed = sign * values
+        end = float(signed.max())
+        turns = np.diff(np.concatenate(([0], (signed == end).astype(np.int8), [0])))
+        runs = np.flatnonzero(turns == -1) - np.flatnonzero(turns == 1)
+        runs = runs[runs >= CLIPPED_RUN]
+        beside = np.count_nonzero(signed == signed[signed < end].max())
+        if end and CROWDED * beside < runs.sum() < RESTS * values.size:
+            ends.append(sign * end)
+            lengths += runs.tolist()
     return Clipping(sum(lengths), len(lengths), tuple(ends)) if len(lengths) > 1 else None
+
+
+def _rounded(times_s: Floats) -> Grid | None:
+    """Return the grid of even times that were written in too few digits; None for others.
+
+    Their steps are whole multiples of the finest, of two kinds that differ by one, and between two of the rarer kind
+    there are as many of the other as always, or one more: so do the digits of any straight line fall. Only times with
+    `FEWEST_TURNS` of the rarer kind are looked at, for a missing sample here and there makes such steps, too.
+    """
+    steps = np.diff(times_s)
+    if not (steps >= 0).all() or not (some := steps[steps > 0]).size:
+        return None
+    finest = float(some.min())
+    # The finest step may be two digits long, and another three.
+    finest = finest if steps.min() == 0 else float(np.min(some[some > 1.05 * finest] - finest, initial=finest))
+    counts = np.rint(steps / finest)
+    low = float(counts.min())
+    if np.abs(steps / finest - counts).max() > 0.05 or counts.max() != low + 1:
+        return None
+    rarer = low if 2 * np.count_nonzero(counts == low) < counts.size else low + 1
+    apart = np.diff(np.flatnonzero(counts == rarer))
+    if apart.size < FEWEST_TURNS or np.ptp(apart) > 1:
+        return None
+    mean = float(times_s[-1] / steps.size)
+    return Grid(1 / mean, float(np.abs(times_s - mean * np.arange(times_s.size)).max()) / mean, finest)
 
 
 def _evenly(times_s: Floats, stated: Stated, otherwise: str) -> Remedy | str:

@@ -29,6 +29,9 @@ from palpate.experiment.settings.units import SECONDS, Heading, heading, is_cloc
 SLOWEST_HZ, FASTEST_HZ = 20.0, 1e7
 """Nobody records a vibration at rates outside of these: another unit of time is more likely."""
 
+AGREES = 0.01
+"""A step of a clock and a stated rate agree within this part, if the unit of the clock is right."""
+
 COUNTER = "a counter of samples"
 _LVM_TAG = re.compile(r"(?!nan$|inf$|infinity$)[A-Za-z]\w*", re.IGNORECASE)
 _SAYS_NOTHING = ("", "x", "untitled")
@@ -156,7 +159,7 @@ def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], missing: str, chan
     if not np.all(np.isfinite(samples)):
         at = int(np.flatnonzero(~np.isfinite(samples))[0])
         raise RecordingError(path, f"sample {at}: got {samples[at]}", "record it again", allowed="finite numbers")
-    doubts = _clipped(str(path), table[:, place])
+    doubts = _clipped(str(path), names[place], samples)
     if missing:
         doubts += (Finding(missing, where=path, remedy="check where it ends", verdict="warns", check="unfinished"),)
     return Recording(str(path), names[place], names, samples, unit, float(rate_hz), "WAV header", doubts=doubts)
@@ -232,13 +235,19 @@ def _from_channels(binary: Format, content: bytes, stated: Stated) -> _Table:
 
 
 def _clock_beside(signal: _Column, clocks: Sequence[_Column], stated: Stated) -> _Column | None:
-    """Return the clock of a channel: the only one of its length, in its group if several are; None where its rate is
-    known and no clock has a unit."""
+    """Return the clock of a channel: the only one of its length, in its group if several are.
+
+    A clock whose unit nothing says has the one by which it keeps the rate that the file states, if one does.
+    """
     fitting = [one for one in clocks if one.values.size == signal.values.size]
     own = [one for one in fitting if one.name.rpartition("/")[0] == signal.name.rpartition("/")[0]]
     found = (own or fitting)[0] if len(own or fitting) == 1 else None
-    says = found is None or stated.time_unit or time_unit(Heading(found.name, found.unit))
-    return found if says or not signal.step > 0 else None
+    if found is None or stated.time_unit or time_unit(Heading(found.name, found.unit)) or not signal.step > 0:
+        return found
+    with np.errstate(over="ignore", invalid="ignore"):
+        step = float(np.median(np.diff(found.values))) if found.values.size > 1 else np.nan
+    unit = next((unit for unit, s in SECONDS.items() if abs(step * s / signal.step - 1) < AGREES), "")
+    return replace(found, unit=unit) if unit else found
 
 
 def _names_times(one: Heading) -> bool:
@@ -418,7 +427,7 @@ def _recording(file: str, table: _Table, stated: Stated, channel: str | None) ->
             f"channel {chosen.name!r} stands over {chosen.dimension}", remedy="choose another channel", allowed="Time"
         )
     claimed_hz = 1 / chosen.step if chosen.step > 0 and isfinite(1 / chosen.step) else None
-    samples, doubts = chosen.values.astype(np.float64), _clipped(file, chosen.values)
+    samples, doubts = chosen.values.astype(np.float64), _clipped(file, chosen.name, chosen.values)
     if clock is not None:
         if clock.values.size < samples.size:
             raise RecordingError(
@@ -430,9 +439,11 @@ def _recording(file: str, table: _Table, stated: Stated, channel: str | None) ->
         times_s = _since_first(clock, _unit_s(clock, stated))[: samples.size]
         if stated.resample and (made := grid.resampled(times_s, samples, clock.lines)) is not None:
             samples, on = made.samples, made.grid
-            doubts += (_resampled(file, made),)
+            doubts += (_resampled(file, chosen.name, made),)
         else:
             on = grid.even(times_s, clock.lines, stated)
+        if on.resolution_s:
+            doubts += (_rounded(file, on),)
         doubts += _doubts(file, on.rate_hz, stated)
         source = f"time column {clock.name!r}"
     elif claimed_hz is not None:
@@ -457,17 +468,23 @@ def _since_first(clock: _Column, unit_s: float) -> NDArray[np.float64]:
     return times
 
 
-def _resampled(file: str, made: grid.Resampled) -> Finding:
+def _rounded(file: str, on: grid.Grid) -> Finding:
+    what = f"has times in steps of {on.resolution_s:g} s, so that its rate is that of all samples over all the time"
+    return Finding(what, where=file, remedy="export more digits for better", verdict="warns", check="rounded")
+
+
+def _resampled(file: str, channel: str, made: grid.Resampled) -> Finding:
     gaps = f"; {made.bridged} missing samples are bridged, {made.longest} in a row at most" if made.bridged else ""
-    what = f"was resampled at {made.grid.rate_hz:.6g} Hz, with an error of some {made.error:.2g} of its rms{gaps}"
+    error = f"with an error of some {made.error:.2g} of its rms"
+    what = f"{channel} was resampled at {made.grid.rate_hz:.6g} Hz, {error}{gaps}"
     return Finding(what, where=file, remedy="record at a steady rate", verdict="warns", check="resampled")
 
 
-def _clipped(file: str, samples: NDArray[Any]) -> tuple[Finding, ...]:
+def _clipped(file: str, channel: str, samples: NDArray[Any]) -> tuple[Finding, ...]:
     if (found := grid.clipping(samples)) is None:
         return ()
     ends = " and ".join(f"{end:.6g}" for end in found.ends)
-    what = f"looks clipped: {found.samples} samples in {found.runs} runs stand at {ends}"
+    what = f"{channel} looks clipped: {found.samples} samples in {found.runs} runs stand at {ends}"
     return (Finding(what, where=file, remedy="record at a lower gain", verdict="warns", check="clipping"),)
 
 

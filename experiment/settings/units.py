@@ -7,8 +7,11 @@ in. What says nothing has no unit: nothing is taken for seconds.
 import re
 from typing import NamedTuple
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0}
 """Seconds in a unit of time."""
+
+SERIAL_DAYS = 36_526, 73_051
+"""Days from the end of 1899, as spreadsheets count them, in this century."""
 
 _M_S2 = {"g": 9.80665, "mg": 9.80665e-3, "m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "m s^-2": 1.0}
 _SPELT = {
@@ -18,6 +21,7 @@ _SPELT = {
     "ns": "ns nsec nsecs nanos nanosec nanosecs nanosecond nanoseconds nanosekunden",
     "min": "min mins minute minutes minuten",
     "h": "h hr hrs hour hours",
+    "d": "days tage",
 }
 _TIMES = {spelling: unit for unit, spellings in _SPELT.items() for spelling in spellings.split()}
 _CLOCKS = frozenset(
@@ -99,6 +103,8 @@ def likely_unit(step: float, first: float) -> str:
     for unit, epoch in (("s", 1e9), ("ms", 1e12), ("us", 1e15), ("ns", 1e18)):
         if epoch <= first < 10 * epoch:
             return unit
+    if SERIAL_DAYS[0] < first < SERIAL_DAYS[1] and step < 1e-3:
+        return "d"
     rates = {unit: 1 / (step * SECONDS[unit]) for unit in ("s", "ms", "us", "ns") if step > 1e-290}
     for least, most in ((200.0, 2e5), (20.0, 1e7)):
         for unit, rate in rates.items():

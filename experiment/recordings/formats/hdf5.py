@@ -20,6 +20,7 @@ from palpate.experiment.recordings.formats.interface import (
 )
 
 NAME = "HDF5"
+SCALES = frozenset(("scale", "gain", "scaling", "calibration", "slope", "sensitivity", "conversion"))
 UNITS = ("unit", "units", "unit_string", "Unit", "Units")
 
 
@@ -39,12 +40,29 @@ def read(content: bytes) -> tuple[list[Channel], str]:
                 ]
                 given += [step for other, step in steps.items() if name.startswith(other.rpartition("/")[0])]
                 unit = next((str(_text(one.attrs[key])) for key in UNITS if key in one.attrs), "")
-                found += channels_of(name, one[()], unit, next((step for step in given if step > 0), np.nan))
+                step = next((step for step in given if step > 0), np.nan)
+                found += channels_of(name, _scaled(name, one), unit, step)
     except (OSError, ValueError, KeyError, RuntimeError, OverflowError) as error:
         raise RecordingError(
             f"got a damaged file of {NAME} ({error})", remedy="export it again", allowed="a whole one"
         ) from error
     return found, ""
+
+
+def _scaled(name: str, one: Any) -> Any:
+    """Return what a dataset holds, by the scale and offset of the CF conventions (8.1), if it states them.
+
+    Raises `RecordingError` for a scale of another name, of which nobody knows what it does.
+    """
+    other = next((key for key in one.attrs if key.lower() in SCALES), None)
+    if other is not None:
+        raise RecordingError(
+            f"got {name} with the attribute {other!r}, which may scale it",
+            remedy="export it in its unit, or name the attributes so",
+            allowed="scale_factor and add_offset",
+        )
+    factor, offset = (one.attrs.get(key, usual) for key, usual in (("scale_factor", 1), ("add_offset", 0)))
+    return one[()] if (factor, offset) == (1, 0) else one[()] * float(factor) + float(offset)
 
 
 def _is_own(h5py: Any, one: Any) -> bool:

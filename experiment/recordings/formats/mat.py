@@ -21,10 +21,11 @@ from palpate.experiment.recordings.formats.interface import (
     stated_step_s,
 )
 from palpate.experiment.settings.delimited import LARGEST
+from palpate.experiment.settings.units import is_clock
 
 NAME = "MAT"
 MATRIX, COMPRESSED = 14, 15
-STRUCTURE = 2
+STRUCTURE, TEXT = 2, 4
 CLOSED = {
     1: "a cell array",
     2: "an array of structures",
@@ -46,6 +47,7 @@ class _Variable(NamedTuple):
     name: str
     values: NDArray[np.generic] | None
     closed: str
+    text: str = ""
 
 
 def read(content: bytes) -> tuple[list[Channel], str]:
@@ -59,6 +61,7 @@ def read(content: bytes) -> tuple[list[Channel], str]:
         raise RecordingError(
             f"got a damaged file of {NAME} ({error})", remedy="save it again", allowed="a whole one"
         ) from error
+    units = {_split(one.name)[0]: one.text.strip() for one in held if _split(one.name)[1].lower() in ("unit", "units")}
     numbers = [(one.name, one.values) for one in held if one.values is not None]
     if not numbers:
         closed = ", ".join(f"{one.name} ({one.closed})" for one in held) or "nothing"
@@ -70,9 +73,12 @@ def read(content: bytes) -> tuple[list[Channel], str]:
     steps = {group: step for name, values in numbers for group, own in (_split(name),)
              if (step := stated_step_s(own, values)) > 0}  # fmt: skip
     known = next(iter(steps.values()), np.nan) if len(set(steps.values())) < 2 else np.nan
-    return [
-        one for name, values in numbers for one in channels_of(name, values, step_s=steps.get(_split(name)[0], known))
-    ], ""
+    found: list[Channel] = []
+    for name, values in numbers:
+        group, own = _split(name)
+        unit = "" if is_clock(own) else units.get(group, "")
+        found += channels_of(name, values, unit, steps.get(group, known))
+    return found, ""
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
@@ -121,10 +127,19 @@ def _variables(data: bytes, order: str, within: str = "", depth: int = 0) -> Ite
     if kind == STRUCTURE and prod(shape) == 1 and depth < DEEPEST:
         for field, inner in _fields(parts, order):
             yield from _variables(inner, order, f"{bare}/{field}", depth + 1)
+    elif kind == TEXT:
+        yield _Variable(bare, None, CLOSED[kind], _text(next(parts, (0, b"")), order))
     elif kind in CLOSED or about & COMPLEX:
         yield _Variable(bare, None, CLOSED.get(kind, "complex numbers"))
     else:
         yield _numbers(bare, shape, next(parts, (0, b"")), order)
+
+
+def _text(stored: tuple[int, bytes], order: str) -> str:
+    """Return text as it is stored: in UTF-8, or in numbers of two bytes."""
+    kind, raw = stored
+    wide = "utf-16-le" if order == "<" else "utf-16-be"
+    return raw.decode(wide if kind in (4, 17) else "utf-8", "replace")
 
 
 def _fields(parts: Iterator[tuple[int, bytes]], order: str) -> Iterator[tuple[str, bytes]]:

@@ -123,9 +123,9 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
 
 
 def _cells(record: Record, shape: _Shape) -> list[str]:
-    """Return the cells of a record without the empty one that a delimiter at its end makes, or one at its beginning."""
+    """Return the cells of a record without those before its numbers, or a last one that is empty or a remark."""
     cells = record.cells[shape.first :]
-    return cells[:-1] if len(cells) == shape.width + 1 and not cells[-1].strip() else cells
+    return cells[:-1] if len(cells) == shape.width + 1 and not _is_number(cells[-1]) else cells
 
 
 def _is_number(cell: str) -> bool:
@@ -137,7 +137,7 @@ def _numeric(cells: Sequence[str]) -> bool:
 
 
 def _trimmed(cells: list[str]) -> tuple[int, list[str]]:
-    first = int(len(cells) > 1 and not cells[0].strip())
+    first = next((place for place, cell in enumerate(cells[:-1]) if cell.strip()), 0)
     return first, cells[first : -1 if len(cells) > 1 and not cells[-1].strip() else None]
 
 
@@ -161,9 +161,23 @@ def _head(text: str, shape: _Shape) -> tuple[list[tuple[int, str]], Record]:
         if not record.comment and len(cells) == shape.width and _numeric(cells):
             break
         head.append(record)
+    if head and _looks_like_row(head[-1], shape):
+        wrong = next(cell for cell in _cells(head[-1], shape) if not _is_number(cell))
+        raise RecordingError(
+            f"got {wrong.strip()[:40]!r} among numbers",
+            remedy="correct the line, or remove it",
+            allowed="a number in every row",
+            line=head[-1].line,
+        )
     ends = [one.start for one in (*head, record)][1:]
     raw = [(one.line, text[one.start : end]) for one, end in zip(head, ends, strict=True)]
     return [(line, one) for line, one in raw if one.strip()], record
+
+
+def _looks_like_row(record: Record, shape: _Shape) -> bool:
+    """Return whether a record above the rows looks like one of them, in which some cells are no numbers."""
+    numbers = [_is_number(cell) for cell in _cells(record, shape)]
+    return not record.comment and len(numbers) == shape.width and numbers[0] and sum(numbers) * 2 >= shape.width > 1
 
 
 def _rows(text: str, begins: Record, shape: _Shape) -> Iterator[Record]:

@@ -1,6 +1,7 @@
 """Dates and times of day in delimited text, as whole nanoseconds: `2026-11-28T12:00:00.001Z`, `28.11.2026 12:00:00`.
 
-A row's stamp needs hours, minutes and seconds; a date may stand before it, and AM, PM or an offset from UTC behind it.
+A row's stamp needs hours, minutes and seconds; a date may stand before it, also in a cell of its own, and AM, PM or an
+offset from UTC behind it.
 A time of day that is earlier than the one before by more than half a day is one of the next day; so is one behind a
 date with slashes, of which nobody knows whether days or months come first.
 """
@@ -18,7 +19,8 @@ ORIGIN_NS = 10**18
 _STAMP = (
     r"(?<![^\s;,|\"'])"
     r"(?:(?:(?P<y>[0-9]{{4}})-(?P<m>[0-9]{{2}})-(?P<d>[0-9]{{2}})"
-    r"|(?P<D>[0-9]{{2}})\.(?P<M>[0-9]{{2}})\.(?P<Y>[0-9]{{4}})|[0-9]{{1,4}}/[0-9]{{1,2}}/[0-9]{{1,4}})[T ])?"
+    r"|(?P<D>[0-9]{{2}})\.(?P<M>[0-9]{{2}})\.(?P<Y>[0-9]{{4}})|[0-9]{{1,4}}/[0-9]{{1,2}}/[0-9]{{1,4}})"
+    r"(?P<between>[T ]|\"?[;,\t|]\"?))?"
     r"(?P<hour>[0-9]{{1,2}}):(?P<minute>[0-5][0-9]):(?P<second>[0-5][0-9])(?:{sign}(?P<part>[0-9]{{1,9}}))?"
     r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?|Z|(?P<offset>[+-][0-9]{{2}}:?[0-9]{{2}}))?"
     r"(?![^\s;,|\"'])"
@@ -63,7 +65,9 @@ def without_stamps(text: str) -> Stamped:
             before_ns, on = time_ns, days
         stamp_ns = ORIGIN_NS + on * DAY_NS + time_ns
         found.add(stamp_ns)
-        return str(stamp_ns)
+        # A date in a cell of its own becomes the whole stamp, too, so that no cell is lost.
+        apart = match["between"] if (match["between"] or "T") not in "T " else ""
+        return f"{stamp_ns}{apart}{stamp_ns}" if apart else str(stamp_ns)
 
     return Stamped(stamp.sub(nanoseconds, text), frozenset(found))
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import RecordingError, Remedy
-from palpate.experiment.recordings.grid import LONGEST_GAP, clipping, resampled
+from palpate.experiment.recordings.grid import LONGEST_GAP, clipping, even, resampled
 from palpate.experiment.recordings.readers import Axes, read
 from palpate.experiment.settings.delimited import Stated
 from tests.approved import Refuses
@@ -103,3 +103,38 @@ def test_a_signal_that_was_cut_looks_clipped_and_whole_ones_do_not(dtype: type[n
     assert found.ends == (700.0, -700.0)
     assert 90 <= found.runs <= 95
     assert 900 < found.samples < 1100
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "digits"), [(800, 3), (400, 3), (3200, 4), (800, 2), (1023.7, 4)], ids=lambda value: f"{value:g}"
+)
+def test_times_in_too_few_digits_give_the_rate_of_all_of_them(tmp_path: Path, rate_hz: float, digits: int) -> None:
+    file = tmp_path / "a.csv"
+    times = np.floor(np.arange(1000) / rate_hz * 10**digits + 1e-9) / 10**digits
+    file.write_text("time (s),a (g)\n" + "".join(f"{t:.{digits}f},{i % 7}\n" for i, t in enumerate(times)))
+    for stated in (Stated(), RESAMPLE):
+        made = read(file, stated=stated)
+        assert made.rate_hz == pytest.approx(rate_hz, rel=10**-digits * rate_hz / 999)
+        assert made.samples.tolist() == [i % 7 for i in range(1000)]
+    assert {doubt.check for doubt in made.doubts} <= {"rounded"}
+
+
+@pytest.mark.parametrize("missing", [1, 5, 30])
+def test_samples_that_are_missing_are_not_taken_for_rounded_times(missing: int) -> None:
+    gone = np.random.default_rng(missing).choice(np.arange(1, 999), missing, replace=False)
+    times = np.delete(np.arange(1000) / 1000, gone)
+    with pytest.raises(RecordingError):
+        even(times, range(1, times.size + 1), Stated())
+    made = resampled(times, _wave(times), range(1, times.size + 1))
+    assert made is not None
+    assert made.bridged == missing
+    assert made.grid.rate_hz == pytest.approx(1000)
+
+
+def test_a_steady_tone_that_was_cut_looks_clipped() -> None:
+    for cycles, count, whole in ((25, 4800, 2**15 - 1), (25, 4800, 2**23 - 1)):
+        tone = 1.4 * np.sin(2 * np.pi * cycles * np.arange(count) / count)
+        found = clipping(np.round(np.clip(tone, -1, 1) * whole).astype(np.int32))
+        assert found is not None
+        assert (found.runs, found.ends) == (2 * cycles, (whole, -whole))
+        assert clipping(np.round(tone / 1.4 * whole).astype(np.int32)) is None

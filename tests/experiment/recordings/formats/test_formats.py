@@ -182,3 +182,49 @@ def test_times_in_a_structure_are_those_of_its_samples(tmp_path: Path) -> None:
     made = read(path, stated=Stated(time_unit="s"))
     assert made.channel == "trial/acc"
     assert made.rate_hz == pytest.approx(RATE_HZ)
+
+
+@pytest.mark.parametrize("name", ["mat", "hdf5"])
+def test_times_beside_a_rate_that_says_otherwise_are_asked_about_and_those_that_keep_it_are_the_clock(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / "recording"
+
+    def write(rate_hz: float) -> None:
+        if name == "mat":
+            savemat(path, {"time": TIMES_S * 1000, "acc": SAMPLES, "fs": rate_hz})
+        else:
+            with h5py.File(path, "w") as file:
+                file["time"], file["acc"] = TIMES_S * 1000, SAMPLES
+                file.attrs["sampling_rate"] = rate_hz
+
+    write(RATE_HZ)
+    made = read(path)
+    assert made.rate_source == "time column 'time'"
+    assert made.header_rate_hz == pytest.approx(RATE_HZ)
+    write(RATE_HZ * 0.7)
+    with pytest.raises(RecordingError) as refused:
+        read(path)
+    assert "without a unit" in refused.value.finding.what
+
+
+def test_numbers_that_are_stored_scaled_are_in_their_unit_and_a_scale_of_another_name_is_refused(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "recording"
+    with h5py.File(path, "w") as file:
+        file["acc"] = np.round(4096 * SAMPLES).astype(np.int16)
+        file["acc"].attrs.update({"scale_factor": 1 / 4096, "add_offset": 0.5, "units": "g", "sampling_rate": RATE_HZ})
+    assert read(path).samples == pytest.approx(SAMPLES + 0.5, abs=2e-4)
+    with h5py.File(path, "a") as file:
+        file["acc"].attrs["gain"] = 2.0
+    with pytest.raises(RecordingError) as refused:
+        read(path)
+    assert "'gain'" in refused.value.finding.what
+
+
+def test_the_unit_that_a_structure_states_is_that_of_its_samples_and_of_no_clock(tmp_path: Path) -> None:
+    path = tmp_path / "recording.mat"
+    savemat(path, {"rec": {"acc": SAMPLES, "t": TIMES_S, "unit": "m/s²"}, "other": {"x": SAMPLES, "units": "g"}})
+    stated = Stated(time_unit="s")
+    assert [read(path, channel=name, stated=stated).unit for name in ("rec/acc", "other/x")] == ["m/s²", "g"]

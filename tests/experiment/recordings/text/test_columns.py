@@ -1,0 +1,81 @@
+"""Layouts of loggers, oscilloscopes and spreadsheets: each holds the same 60 samples at 1 kHz."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.readers import read
+from palpate.experiment.settings.delimited import Stated
+
+SAMPLES = [round((i % 7) * 0.5 - 1.5, 4) for i in range(60)]
+
+Row = Callable[[int, float], str]
+
+
+def _file(folder: Path, heading: str, row: Row) -> Path:
+    path = folder / "a.csv"
+    path.write_text(heading + "".join(f"{row(i, a)}\n" for i, a in enumerate(SAMPLES)), "utf-8")
+    return path
+
+
+def _german(number: float, digits: int) -> str:
+    return f"{number:.{digits}f}".replace(".", ",")
+
+
+LAYOUTS: dict[str, tuple[str, Row, Stated]] = {
+    "a note in the first row": (
+        "time_s,acc_g,note\n", lambda i, a: f"{i / 1000:.3f},{a:.4f},{'start' if i == 0 else ''}", Stated(),
+    ),
+    "a note in a middle row": (
+        "time_s,acc_g,note\n", lambda i, a: f"{i / 1000:.3f},{a:.4f},{['tap', ' hard'][0] if i == 30 else ''}",
+        Stated(),
+    ),
+    "a note in a German spreadsheet": (
+        "Zeit in ms;Beschleunigung in g;Bemerkung\n",
+        lambda i, a: f"{_german(i, 1)};{_german(a, 4)};{'Start' if i == 0 else ''}", Stated(decimal=","),
+    ),
+    "date and time of day in two cells": (
+        "Date,Time,Acc (g)\n", lambda i, a: f"2024-03-05,10:00:00.{i:03d},{a:.4f}", Stated(),
+    ),
+    "the same in German": (
+        "Datum;Uhrzeit;Acc (g)\n", lambda i, a: f"05.03.2024;10:00:00,{i:03d};{_german(a, 4)}", Stated(),
+    ),
+    "numbers behind three empty cells": (
+        "", lambda i, a: f",,,{i / 1000 - 0.03:.4f},{a:.5f}", Stated(time_unit="s"),
+    ),
+    "what a scope writes before its first numbers": (
+        "", lambda i, a: f"{'Record Length,2500,Points' if i == 0 else ',,'},{i / 1000:.4f},{a:.5f}",
+        Stated(time_unit="s"),
+    ),
+    "days of a spreadsheet": (
+        "Time,acc_g\n", lambda i, a: f"{45356.25 + i / 86_400_000:.12f},{a:.4f}", Stated(time_unit="d"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_layout_is_read_whole(tmp_path: Path, name: str) -> None:
+    heading, row, stated = LAYOUTS[name]
+    made = read(_file(tmp_path, heading, row), stated=stated)
+    assert made.samples.tolist() == SAMPLES
+    assert made.rate_hz == pytest.approx(1000, rel=1e-3)
+    assert made.unit in ("g", "")
+
+
+@pytest.mark.parametrize("cell", ["nan", "n/a", "OVF"])
+def test_a_first_row_with_a_cell_that_is_no_number_is_not_taken_for_a_heading(tmp_path: Path, cell: str) -> None:
+    path = _file(tmp_path, "time_s,acc_g,temp\n", lambda i, a: f"{i / 1000:.3f},{a:.4f},{cell if i == 0 else 21.5}")
+    with pytest.raises(RecordingError) as refused:
+        read(path)
+    assert (refused.value.finding.line, cell in refused.value.finding.what) == (2, True)
+
+
+def test_times_in_days_of_a_spreadsheet_are_asked_about_as_such(tmp_path: Path) -> None:
+    path = _file(tmp_path, "Time,acc_g\n", lambda i, a: f"{45356.25 + i / 86_400_000:.12f},{a:.4f}")
+    with pytest.raises(RecordingError) as refused:
+        read(path)
+    assert "--time-unit d" in str(refused.value.finding.remedy)
