@@ -185,7 +185,7 @@ def _together(
         return
     others = "but for those refused, " if differing else ""
     given = "that hold give; those of other journals and of all participants, and" if refused else "give;"
-    text = f"{others}are what the journals {given} traces of the foot's height were not compared"
+    text = f"{others}are what the journals {given} recorded traces of movement were not compared"
     yield Finding(text, "tables", verdict="passes")
 
 

@@ -40,7 +40,7 @@ class Drift:
 def drifts(
     played: NDArray[np.complex128], heard: NDArray[np.complex128], reference: Reference, *, gain: float
 ) -> Iterator[Drift]:
-    """Yield the drift of each third octave from 10 to 500 Hz.
+    """Yield the drift of each third octave from 10 to 500 Hz in which the reference has a line.
 
     `played` has the complex amplitude of each line of the reference, shape (K,), and `heard` that of each in each
     period, m/s^2, shape (P, K); a panel that did not drift moves by `gain` times the reference.
@@ -57,6 +57,8 @@ def drifts(
     for n in range(round(10 * np.log10(LOW_HZ)), int(10 * np.log10(HIGH_HZ)) + 1):
         hz = 10 ** (n / 10)
         band = (lines_hz >= hz / np.sqrt(THIRD)) & (lines_hz < hz * np.sqrt(THIRD))
+        if not band.any():
+            continue
         now, then = max(float(power[band].sum()), 1e-12 * float(expected[band].sum())), float(expected[band].sum())
         relative = power_variance[band].sum() / now**2 + expected_variance[band].sum() / then**2
         yield Drift(hz, 10 * float(np.log10(now / then)), 10 / float(np.log(10)) * float(np.sqrt(relative)))
