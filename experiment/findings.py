@@ -38,8 +38,8 @@ class Finding:
     """What was found of one thing.
 
     `what` is a clause that goes on from the place: a file or the name of a thing (`where`), with a line of it and a
-    field. `got` is the value alone, of a settings file. `allowed` is what may be, empty where nothing was compared, and
-    `check` the name of the check that found it.
+    field; `part` is element where it is no line but one of a JSON list. `got` is the value alone, of a settings file.
+    `allowed` is what may be, empty where nothing was compared, and `check` the name of the check that found it.
     """
 
     what: str
@@ -51,6 +51,7 @@ class Finding:
     remedy: Remedy | str = ""
     verdict: Verdict = "refuses"
     check: str = ""
+    part: str = "line"
 
     @property
     def refuses(self) -> bool:
@@ -68,7 +69,7 @@ class Finding:
         return ": ".join(part for part in (self.place(), self._problem()) if part)
 
     def _problem(self) -> str:
-        line = "" if self.line is None else f"line {self.line}"
+        line = "" if self.line is None else f"{self.part} {self.line}"
         return ": ".join(part for part in (line, self.field, self.what) if part)
 
     def clause(self) -> str:

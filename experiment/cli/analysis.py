@@ -354,6 +354,9 @@ def import_trials(
         str | None,
         typer.Option("--trial", help="Column of the trial's number in a task [default: the order of the lines]."),
     ] = None,
+    session: Annotated[
+        str | None, typer.Option("--session", help="Column that tells sessions of one participant and task apart.")
+    ] = None,
     seconds: Annotated[str | None, typer.Option("--seconds", help="Column of response times in seconds.")] = None,
     milliseconds: Annotated[str | None, typer.Option("--milliseconds", help="The same in milliseconds.")] = None,
     answers: Annotated[
@@ -367,7 +370,7 @@ def import_trials(
     ] = None,
     leave_out: Annotated[
         list[str] | None,
-        typer.Option("--leave-out", help="COLUMN=VALUE, leave out and count rows with this value there."),
+        typer.Option("--leave-out", help="COLUMN=VALUE, leave out and count rows with this value there; * is any."),
     ] = None,
     missing_time: Annotated[
         list[str] | None,
@@ -419,6 +422,7 @@ def import_trials(
         in_name=in_name,
         leave_out=layout.cells(leave_out or ()),
         missing_times=missing_time or (),
+        session=session,
     )
     stated = Stated(encoding, decimal, command=options.command_line(context))
     with options.progress("files", quiet=as_json or len(files) < MANY_FILES) as (total, tick):

@@ -16,14 +16,15 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids
-from palpate.experiment.dataset.imports.layout import Layout
+from palpate.experiment.dataset.imports import people
+from palpate.experiment.dataset.imports.layout import ANY, Layout
 from palpate.experiment.dataset.imports.reconstruction import STUDIES, check_study_id, check_texts, new_dataset
 from palpate.experiment.dataset.imports.trial_files import Row, Trials, read_trials
 from palpate.experiment.errors import DatasetError, Finding
 from palpate.experiment.protocol.designs.comparison import FIRST, NAMED, SECOND, TIE
 from palpate.experiment.records import software
 from palpate.experiment.records.events import NO_ANSWER
-from palpate.experiment.settings.characters import quoted, skeleton
+from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood
 
 TASK = "identification"
@@ -93,15 +94,18 @@ def import_trials(
     check_texts(paths[0], {"presented": trials.materials})
     tasks = _tasks(paths, layout, trials.rows)
     check_texts(paths[0], {"presented": tuple(tasks)} if layout.task else {})
-    _refuse_alike(paths, layout, trials.rows, stated)
-    labels, kept = _labels(trials.rows)
-    sessions = _sessions(trials.rows, layout)
+    people.refuse_alike(paths, layout, trials, stated)
+    labels, kept = people.labels(trials.rows)
+    sessions = _sessions(trials.rows)
     said = _sentences(trials, labels, layout, kept=kept)
+    several = _several_files(trials)
+    counted = [f"CAUTION: {doubt.observation()}." for doubt in trials.doubts if doubt.check == "practice"]
+    public = (*said, *_in_several([labels[who] for who in several]), *counted)
     with new_dataset(out) as root:
-        text = _description(study, source, tuple(tasks.values()), said)
+        text = _description(study, source, tuple(tasks.values()), public)
         files = bids.description(root, text)
-        people = sorted(set(labels.values()), key=int)
-        files |= bids.participants(root, ({"participant_id": f"sub-{label}"} for label in people), origin="IMPORTED")
+        everyone = sorted(set(labels.values()), key=int)
+        files |= bids.participants(root, ({"participant_id": f"sub-{label}"} for label in everyone), origin="IMPORTED")
         for (participant, task), rows in sessions.items():
             one = _task_text(tasks[task], task, source, trials, layout)
             files |= bids.events(root, labels[participant], one, map(_event, range(1, len(rows) + 1), rows))
@@ -114,7 +118,8 @@ def import_trials(
         # Each file waits for the disk, and there are two for each participant.
         with ThreadPoolExecutor(AT_A_TIME) as pool:
             list(pool.map(bids.write_files, folders.values()))
-    return Imported(out, said, tuple(zip(paths, trials.read_as, strict=True)), trials.doubts)
+    shown = [labels[who] if kept else f"{labels[who]} ({quoted(who)})" for who in several]
+    return Imported(out, (*said, *_in_several(shown)), tuple(zip(paths, trials.read_as, strict=True)), trials.doubts)
 
 
 def _hashes(paths: Sequence[Path]) -> tuple[str, ...]:
@@ -154,51 +159,21 @@ def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[s
     return found
 
 
-def _refuse_alike(paths: Sequence[Path], layout: Layout, rows: Sequence[Row], stated: Stated) -> None:
-    """Refuse two spellings that look like one person: P01 and p01, P1, or 01, or letters of two alphabets."""
-    known: dict[str, str] = {}
-    firsts = {row.participant: row for row in reversed(rows)}
-    for row in (firsts[who] for who in dict.fromkeys(row.participant for row in rows)):
-        name = skeleton(row.participant)
-        looks = {name: name}
-        # Two prefixes may be two groups, and a number alone may be of either.
-        if number := re.fullmatch(r"(\D*?)0*([0-9]{1,6})(?:\.0)?", name):
-            whole, bare, prefixed = f"{number[1]} {number[2]}", f"bare {number[2]}", f"prefixed {number[2]}"
-            looks |= {whole: whole, **({prefixed: bare} if number[1] else {bare: prefixed})}
-        other = next(
-            (one for look in looks.values() if (one := known.get(look, row.participant)) != row.participant), ""
-        )
-        if other:
-            raise DatasetError(
-                paths[row.file - 1],
-                f"got {quoted(row.participant)} and {quoted(other)}, which look like one person",
-                stated.remedy("if they are, say so", "--map-participant", f"{row.participant}={other}"),
-                allowed="one spelling of a participant",
-                field=f"column {layout.participant}" if layout.participant else "--participant-in-name",
-                line=row.line,
-            )
-        known |= {look: known.get(look, row.participant) for look in looks}
-
-
-def _labels(rows: Sequence[Row]) -> tuple[dict[str, str], bool]:
-    """Return each participant's label by cell, and whether labels keep the cells' numbers, as for P01, P02."""
-    cells = list(dict.fromkeys(row.participant for row in rows))
-    matches = [re.fullmatch(r"(.*?)0*([0-9]{1,6})(?:\.0)?", cell) for cell in cells]
-    prefixes = {match[1] for match in matches if match}
-    kept = all(matches) and len(prefixes) == 1 and not re.search(r"[0-9]", min(prefixes))
-    numbers = [int(match[2]) if match else 0 for match in matches] if kept else list(range(1, len(cells) + 1))
-    width = max(2, len(str(max(numbers))))
-    return {cell: f"{number:0{width}d}" for cell, number in zip(cells, numbers, strict=True)}, kept
-
-
-def _sessions(rows: Sequence[Row], layout: Layout) -> dict[tuple[str, str], list[Row]]:
+def _sessions(rows: Sequence[Row]) -> dict[tuple[str, str], list[Row]]:
     """Return the trials of each participant and task, in their order."""
     found: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         found.setdefault((row.participant, row.task), []).append(row)
-    if layout.trial is not None:
-        return {key: sorted(held, key=lambda row: row.trial or 0) for key, held in found.items()}
-    return found
+    return {key: sorted(rows, key=_position(rows)) for key, rows in found.items()}
+
+
+def _position(rows: Sequence[Row]) -> Callable[[Row], tuple[int, int]]:
+    """Return the key that sorts trials of one participant and task: sessions by number, or as they occur."""
+    sessions = list(dict.fromkeys(row.session for row in rows))
+    if all(re.fullmatch("[0-9]{1,9}", session) for session in sessions):
+        sessions.sort(key=int)
+    places = {session: place for place, session in enumerate(sessions)}
+    return lambda row: (places[row.session], row.trial or 0)
 
 
 def _event(trial: int, row: Row) -> dict[str, object]:
@@ -214,6 +189,12 @@ def _event(trial: int, row: Row) -> dict[str, object]:
 
 
 def _order(layout: Layout) -> str:
+    if layout.session is not None:
+        within = "of the files and their lines" if layout.trial is None else f"of the column {layout.trial}"
+        return (
+            f"Sessions by the column {layout.session} follow one another by their numbers, or else as they occur in "
+            f"the files. Trials are numbered from 1 through all sessions of a task, in each in the order {within}."
+        )
     if layout.trial is not None:
         return f"Trials are numbered from 1 in the order of the column {layout.trial}."
     return (
@@ -238,19 +219,30 @@ def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: 
         )
     if not kept:
         said.append("Participants are numbered in the order of the files, because their labels there are no numbers.")
-    files: dict[tuple[str, str], set[int]] = {}
-    for row in trials.rows:
-        files.setdefault((row.participant, row.task), set()).add(row.file)
-    if several := [labels[who] for (who, _), held in files.items() if len(held) > 1]:
-        told = ", ".join(sorted(set(several)))
-        said.append(f"In several files stand trials of one task of: {told}. If a run was begun anew, leave one out.")
     return tuple(said)
+
+
+def _several_files(trials: Trials) -> list[str]:
+    """Return the participants of whom several files have trials of one task and session."""
+    files: dict[tuple[str, str, str], set[int]] = {}
+    for row in trials.rows:
+        files.setdefault((row.participant, row.task, row.session), set()).add(row.file)
+    return list(dict.fromkeys(who for (who, _, _), several in files.items() if len(several) > 1))
+
+
+def _in_several(named: Sequence[str]) -> list[str]:
+    """Return the sentence of participants with several files, if there are any."""
+    if not named:
+        return []
+    several = ", ".join(sorted(named))
+    return [f"Several files have trials of one task of: {several}. If a run was begun anew, leave one out."]
 
 
 def _omissions(trials: Trials, layout: Layout) -> list[str]:
     """Return what rules have left out, a sentence each."""
     told = [
-        f"Rows left out, as stated: {trials.left_out.get((column, value), 0)} with {column} = '{value}'."
+        f"Rows left out, as stated: {trials.left_out.get((column, value), 0)} with {column} "
+        + ("not empty." if value == ANY else f"= '{value}'.")
         for column, value in layout.leave_out
     ]
     if layout.missing_times:
@@ -319,7 +311,7 @@ def _sources(hashes: Sequence[str], source: str, layout: Layout) -> str:
     columns = KEPT if layout.second is None else OF_PAIRS
     text = (
         f"Columns: {', '.join(columns)}. Each row is a trial as it was read; file and line say where. The trial is the "
-        f"number in the file. The files are those of: {source}."
+        f"number in the file; the line is an element's number in JSON. The files are those of: {source}."
     )
     files = "\n".join(f"file {number}: SHA-256 {sha256}" for number, sha256 in enumerate(hashes, start=1))
     return f"{bids.LABELS['IMPORTED']}\n\n{textwrap.fill(text, 100)}\n\n{files}\n"

@@ -15,6 +15,9 @@ RIGHT = dict.fromkeys(("1", "1.0", "true", "correct", "yes", "right", "hit"), Tr
 WRONG = dict.fromkeys(("0", "0.0", "false", "incorrect", "no", "wrong", "miss"), False)
 """What stands for right and wrong, in small letters."""
 
+ANY = "*"
+"""In `leave_out`: any cell that is not empty."""
+
 MISSING_TIMES = ("negative", "zero")
 """Rules by which a response time counts as missing; a number names the value that stands for a missing one."""
 
@@ -25,9 +28,10 @@ class Layout:
 
     `presented` is that of the material, `second` of the one that it is compared with, if any. Either `answered` names
     the answer, or `correct` says whether it was right. `participant` is a column; without it `in_name` shows with `{}`
-    where the label stands in a file's name, and `*` for anything else. `answers`, `materials` and `people` translate
-    cells; `where` gives the cells that make a row a trial, `leave_out` those that leave a row out. At most one of
-    `time_s` and `time_ms` names the column of response times, and `missing_times` are rules for these.
+    where the label stands in a file's name, and `*` for anything else. `session` tells sessions of one task apart.
+    `answers`, `materials` and `people` translate cells; `where` gives the cells that make a row a trial, `leave_out`
+    those that leave a row out. At most one of `time_s` and `time_ms` names the column of response times, and
+    `missing_times` are rules for these.
     """
 
     presented: str
@@ -46,6 +50,7 @@ class Layout:
     in_name: str | None = None
     leave_out: Sequence[tuple[str, str]] = ()
     missing_times: Sequence[str] = ()
+    session: str | None = None
 
     def __post_init__(self) -> None:
         """Raise `DatasetError` where what is stated cannot hold together."""
@@ -77,10 +82,18 @@ class Layout:
         return self.time_s or self.time_ms
 
     def columns(self) -> tuple[str, ...]:
-        """Return every column that must be there, once."""
+        """Return every column that is read, once."""
+        return tuple(dict.fromkeys((*self.needed(), *(column for column, _ in self.leave_out))))
+
+    def needed(self) -> tuple[str, ...]:
+        """Return every column that each file must have, once; one that leaves rows out may be in some alone."""
         named = (self.presented, self.second, self.answered, self.correct, self.participant, self.task, self.trial)
-        given = (*named, self.time, *self.where, *(column for column, _ in self.leave_out))
+        given = (*named, self.session, self.time, *self.where)
         return tuple(dict.fromkeys(one for one in given if one is not None))
+
+    def is_left_out(self, cell: str, value: str) -> bool:
+        """Return whether a value of `leave_out` is this cell's; `*` is any that is not empty."""
+        return cell == value or (value == ANY and cell not in ABSENT)
 
     def label_in(self, path: Path) -> str:
         """Return the participant in a file's name. Raises `DatasetError` for a name that is not as stated."""
@@ -122,6 +135,9 @@ def cells(texts: Sequence[str]) -> tuple[tuple[str, str], ...]:
     for text, (column, equals, _) in zip(texts, found, strict=True):
         if not (equals and column.strip()):
             raise DatasetError(
-                "--leave-out", f"got {quoted(text)}", "correct it", allowed="COLUMN=VALUE, or COLUMN= for an empty cell"
+                "--leave-out",
+                f"got {quoted(text)}",
+                "correct it",
+                allowed="COLUMN=VALUE, COLUMN= for an empty cell, or COLUMN=* for any other",
             )
     return tuple((column.strip(), value.strip()) for column, _, value in found)

@@ -10,28 +10,24 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from statistics import median
 
-from palpate.experiment.dataset.imports.json_rows import is_json, json_table
+from palpate.experiment.dataset.imports.doubts import Practice, time_doubts
+from palpate.experiment.dataset.imports.json_rows import UnderstoodJson
 from palpate.experiment.dataset.imports.layout import ABSENT, RIGHT, WRONG, Layout
-from palpate.experiment.errors import DatasetError, Finding, PalpateError, Remedy
+from palpate.experiment.dataset.imports.refusals import MOST_LISTED, Place, all_of, listed, refused
+from palpate.experiment.dataset.imports.runs import Runs
+from palpate.experiment.dataset.imports.trial_table import trial_table
+from palpate.experiment.errors import DatasetError, Finding, Remedy
 from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, TIE
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.settings.characters import quoted, skeleton
-from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Table, Understood, read_table
-from palpate.experiment.settings.units import heading, time_unit
+from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Table, Understood
 
 MOST_MATERIALS = 64
 """More different cells than this are no materials: the column is another one."""
 
-TOLD = 12
-"""The most columns or values that an error lists."""
-
 TIES = ("tie", "ties", "draw", "equal", "same", "neither", "both")
 """Words for a comparison in which neither was chosen, in small letters."""
-
-FASTEST_S, SLOWEST_S = 0.05, 60.0
-"""Nobody answers in a median time outside of these: another unit is more likely."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +46,7 @@ class Row:
     answered: str
     response_time_s: float | None
     second: str | None = None
+    session: str = ""
 
 
 @dataclass(frozen=True)
@@ -67,6 +64,10 @@ class Trials:
     left_out: Mapping[tuple[str, str], int] = field(default_factory=dict)
     missing_times: int = 0
     doubts: tuple[Finding, ...] = ()
+
+    def place(self, row: Row) -> Place:
+        """Return where a trial is in its file."""
+        return _place(row, self.read_as[row.file - 1])
 
 
 class _PassedOver(Exception):
@@ -99,9 +100,11 @@ class _Reader:
     def __init__(self, paths: Sequence[Path], layout: Layout, materials: tuple[str, ...], stated: Stated) -> None:
         self._paths, self._layout, self._materials, self._stated = paths, layout, materials, stated
         self._rows: list[Row] = []
-        self._answers: dict[int, str] = {}
+        self._said: Counter[str] = Counter()
+        self._practice, self._runs = Practice(layout), Runs()
+        self._columns: set[str] = set()
         self._passed_over: list[str] = []
-        self._read_as: list[Understood] = []
+        self._understood: dict[int, Understood] = {}
         self._left_out: Counter[tuple[str, str]] = Counter()
         self._missing_times = 0
         self._errors: list[DatasetError] = []
@@ -109,13 +112,14 @@ class _Reader:
     def read(self, number: int, path: Path) -> None:
         """Read a file; keep what is wrong with it."""
         try:
-            table = _table(path, self._layout, self._stated)
+            table = trial_table(path, self._layout, self._stated)
             label = self._layout.label_in(path) if self._layout.participant is None else ""
         except DatasetError as error:
             self._errors.append(error)
             return
-        self._read_as.append(table.understood)
-        places = {name: table.header.index(name) for name in self._layout.columns()}
+        self._understood[number] = table.understood
+        self._columns.update(table.header)
+        places = {name: table.header.index(name) for name in self._layout.columns() if name in table.header}
         for record in table.rows:
             cells = _Cells(path, record.line, places, record.cells, table)
             try:
@@ -125,26 +129,32 @@ class _Reader:
             except DatasetError as error:
                 self._errors.append(error)
             else:
-                self._rows += [row] if row else []
+                if row is not None:
+                    self._rows.append(row)
+                    self._practice.add(row.participant, table.header, record.cells)
+                    self._runs.add(table.header, record.cells)
 
     def trials(self) -> Trials:
         """Return the trials. Raises `DatasetError` for all that is wrong."""
-        known = self._materials or tuple(sorted({one for row in self._rows for one in _shown(row)}))
-        if self._rows and self._layout.second is None:
-            self._errors += self._strange_answers(known)
-        self._errors += self._twice()
+        shown = Counter(one for row in self._rows for one in _shown(row))
+        strange = self._strange_materials(shown)
+        known = self._materials or tuple(sorted(one for one in shown if one not in strange))
+        self._errors += [error for errors in strange.values() for error in errors]
+        if known and self._rows and self._layout.second is None:
+            self._errors += self._strange_answers(known, shown, guessed=bool(strange))
+        self._errors += [*self._spellings(known, shown), *self._twice(), *self._never_there()]
         if self._errors:
-            raise _all_of(self._errors)
+            raise all_of(self._errors, self._stated)
         if not self._rows:
             raise DatasetError(
-                ", ".join(map(str, self._paths[:TOLD])),
+                ", ".join(map(str, self._paths[:MOST_LISTED])),
                 f"got no trial: {self._layout.presented} is empty in every row that is taken",
                 "name another column with --presented, or take other rows with --where",
             )
         self._check_materials(known)
         rows = self._rows if self._layout.correct is None else [self._resolved(row, known) for row in self._rows]
         return Trials(
-            tuple(rows), known, tuple(self._passed_over), tuple(self._read_as), dict(self._left_out),
+            tuple(rows), known, tuple(self._passed_over), tuple(self._understood.values()), dict(self._left_out),
             self._missing_times, self._doubts(),
         )  # fmt: skip
 
@@ -154,7 +164,7 @@ class _Reader:
         if any(cells.cell(column) != value for column, value in layout.where.items()):
             raise _PassedOver("")
         for column, value in layout.leave_out:
-            if cells.cell(column) == value:
+            if column in cells.places and layout.is_left_out(cells.cell(column), value):
                 self._left_out[column, value] += 1
                 return None
         presented = self._material(cells, layout.presented)
@@ -172,18 +182,19 @@ class _Reader:
         trial = None if layout.trial is None else self._whole(cells, layout.trial)
         answered = self._answered(cells, presented, second)
         who = layout.people.get(participant, participant)
-        return Row(file, cells.line, who, task, trial, presented, answered, self._time_s(cells), second)
+        session = "" if layout.session is None else self._filled(cells, layout.session, "which session this was")
+        return Row(file, cells.line, who, task, trial, presented, answered, self._time_s(cells), second, session)
 
     def _material(self, cells: "_Cells", column: str) -> str:
         layout, shown = self._layout, cells.cell(column)
         if shown in ABSENT and shown not in layout.materials and shown not in self._materials:
             raise _PassedOver(shown)
         presented = layout.materials.get(shown, shown)
-        allowed = self._materials or tuple(layout.materials.values())
+        allowed = self._materials
         if allowed and presented not in allowed:
-            options = "--map-presented", f"{shown}=MATERIAL"
+            options = "--map-presented", f"{shown}={_akin(shown, allowed) or 'MATERIAL'}"
             raise cells.refused(
-                column, _listed(dict.fromkeys((*layout.materials, *allowed))), self._remedy("say what it is", *options)
+                column, listed(dict.fromkeys((*layout.materials, *allowed))), self._remedy("say what it is", *options)
             )
         return presented
 
@@ -207,10 +218,11 @@ class _Reader:
             said = cells.cell(layout.correct)
             right = {**RIGHT, **WRONG}.get(layout.answers.get(said, said).lower())
             if right is None and said not in ABSENT:
-                remedy = self._remedy("say what it is", "--map", f"{said}=correct")
+                remedy = self._remedy("say what it is", "--map", f"{said}=MARK")
                 raise cells.refused(layout.correct, "1 and 0, true and false, or correct and incorrect", remedy)
             return NO_ANSWER if right is None else presented if right else _WRONG
         said = cells.cell(layout.answered or "")
+        self._said[said] += 1
         answer = layout.answers.get(said, NO_ANSWER if said in ABSENT and said not in self._materials else said)
         if second is None or answer == NO_ANSWER:
             return answer
@@ -220,8 +232,9 @@ class _Reader:
         chosen = places.get(answer, places.get(answer.lower()))
         if chosen is None:
             allowed = f"{presented}, {second}, or what --map makes first, second or tie"
+            meant = _akin(said, (presented, second)) or "PLACE"
             raise cells.refused(
-                layout.answered or "", allowed, self._remedy("say what it is", "--map", f"{said}=first")
+                layout.answered or "", allowed, self._remedy("say what it is", "--map", f"{said}={meant}")
             )
         return chosen
 
@@ -241,19 +254,52 @@ class _Reader:
             raise cells.refused(column, "a number from 0, or nothing", remedy)
         return value if self._layout.time_s else value / 1000
 
-    def _strange_answers(self, known: tuple[str, ...]) -> list[DatasetError]:
+    def _strange_materials(self, shown: Counter[str]) -> dict[str, list[DatasetError]]:
+        """Return the errors of what was presented and is neither mapped nor known, by cell.
+
+        Where codes are mapped, one that is not was forgotten; where spellings are, each other stands for itself.
+        """
+        layout = self._layout
+        if self._materials or all(_form(code) == _form(meant) for code, meant in layout.materials.items()):
+            return {}
+        answers = [layout.answers.get(said, said) for said in self._said]
+        named = sorted(one for one in {*answers, *layout.answers.values()} if one not in ABSENT and not _KEY(one))
+        known = tuple(dict.fromkeys((*layout.materials.values(), *(named if layout.correct is None else ()))))
+        found: dict[str, list[DatasetError]] = {one: [] for one in shown if one not in known}
+        for row in self._rows:
+            for column, one in zip((layout.presented, layout.second or ""), _shown(row), strict=False):
+                if one in found:
+                    options = "--map-presented", f"{one}={_akin(one, known) or 'MATERIAL'}"
+                    remedy = self._remedy("say what it is", *options)
+                    found[one].append(self._refused(row, column, one, listed((*layout.materials, *known)), remedy))
+        return found
+
+    def _strange_answers(self, known: tuple[str, ...], shown: Counter[str], *, guessed: bool) -> list[DatasetError]:
+        """Return the errors of answers that were never presented, `guessed`: of keys and other spellings alone."""
+        answers = {row.answered for row in self._rows} - {*known, NO_ANSWER, _WRONG}
+        commonest = sorted(known, key=lambda one: -shown[one])
+        remedies = {
+            one: self._as_presented(one, commonest) for one in answers if not guessed or _KEY(one) or _akin(one, known)
+        }
         return [
-            _refused(
-                self._paths[row.file - 1], row.line, self._layout.answered or "", row.answered,
-                _listed((*known, NO_ANSWER)),
-                self._as_presented(row.answered),
+            self._refused(
+                row, self._layout.answered or "", row.answered, listed((*known, NO_ANSWER)), remedies[row.answered]
             )
             for row in self._rows
-            if row.answered not in (*known, NO_ANSWER, _WRONG)
-        ]  # fmt: skip
+            if row.answered in remedies
+        ]
 
-    def _as_presented(self, answered: str) -> Remedy | str:
+    def _refused(self, row: Row, column: str, cell: str, allowed: str, remedy: Remedy | str) -> DatasetError:
+        path = self._paths[row.file - 1]
+        return refused(path, self._place(row), f"column {column}", quoted(cell), allowed, remedy)
+
+    def _place(self, row: Row) -> Place:
+        return _place(row, self._understood[row.file])
+
+    def _as_presented(self, answered: str, known: Sequence[str]) -> Remedy | str:
         """Return what to do about an answer that was never presented; one that --map made may be a code there."""
+        if akin := _akin(answered, known):
+            return self._remedy("say what it is", "--map", f"{answered}={akin}")
         if code := next((code for code, meant in self._layout.answers.items() if meant == answered), ""):
             words = "if it was presented as that code, say so, or name it with --material"
             return self._remedy(words, "--map-presented", f"{code}={answered}")
@@ -280,62 +326,84 @@ class _Reader:
         if not 2 <= len(known) <= MOST_MATERIALS:
             raise DatasetError(
                 path,
-                f"column {column}: got {len(known)} different materials ({_listed(known)})",
+                f"column {column}: got {len(known)} different materials ({listed(known)})",
                 "name another column with --presented",
                 allowed=f"2 to {MOST_MATERIALS}",
             )
-        alike: dict[str, str] = {}
-        for material in known:
-            if (other := alike.setdefault(skeleton(material), material)) != material:
-                raise DatasetError(
-                    path,
-                    f"column {column}: got {quoted(other)} and {quoted(material)}, which look the same",
-                    self._remedy("if they are one, say so", "--map-presented", f"{material}={other}"),
-                    allowed="one spelling",
+
+    def _spellings(self, known: tuple[str, ...], shown: Counter[str]) -> list[DatasetError]:
+        """Return the errors of materials that look like another one, of which the commonest spelling is taken."""
+        best: dict[str, str] = {}
+        found = []
+        for material in sorted(known, key=lambda one: -shown[one]):
+            if (other := best.setdefault(skeleton(material), material)) != material:
+                same = f"{material}={other}"
+                answered = self._said[material] and self._layout.second is None
+                options = ("--map-presented", same, *(("--map", same) if answered else ()))
+                found.append(
+                    DatasetError(
+                        self._paths[0],
+                        f"got {quoted(other)} and {quoted(material)}, which look the same",
+                        self._remedy("if they are one, say so", *options),
+                        allowed="one spelling",
+                        field=f"column {self._layout.presented}",
+                    )
                 )
+        return found
+
+    def _never_there(self) -> list[DatasetError]:
+        """Return the errors of columns that only leave rows out, and that no file has."""
+        absent = dict.fromkeys(column for column, _ in self._layout.leave_out if column not in self._columns)
+        there = listed(dict.fromkeys(sorted(self._columns)))
+        return [
+            DatasetError(
+                self._paths[0], "got no such column", "name it as the header does", allowed=f"one of {there}",
+                field=f"column {column}",
+            )
+            for column in absent
+            if self._columns
+        ]  # fmt: skip
 
     def _twice(self) -> list[DatasetError]:
-        first: dict[tuple[str, str, int], Row] = {}
-        found = []
+        first: dict[tuple[str, str, str, int], Row] = {}
         for row in self._rows:
-            if row.trial is None or (known := first.setdefault((row.participant, row.task, row.trial), row)) is row:
-                continue
-            error = DatasetError(
-                self._paths[row.file - 1],
-                f"got trial {row.trial} of participant {quoted(row.participant)} again, after "
-                f"{self._paths[known.file - 1]}, line {known.line}",
-                "take one row a trial with --where, name the task with --task, or leave --trial away",
-                allowed="each once in a task",
-                field=f"column {self._layout.trial}",
-                line=row.line,
+            if row.trial is None:
+                return []
+            if (known := first.setdefault((row.participant, row.task, row.session, row.trial), row)) is not row:
+                return [self._again(row, known)]
+        return []
+
+    def _again(self, row: Row, known: Row) -> DatasetError:
+        """Return the error of a trial whose number occurs a second time, with the column that may tell sessions."""
+        place = self._place(known)
+        remedy: Remedy | str = (
+            "if there were several sessions, name the column that tells them apart with --session, or leave --trial "
+            "away; otherwise take one row a trial with --where, or name the task with --task"
+        )
+        column = self._runs.apart([(one.participant, one.task, one.trial or 0) for one in self._rows])
+        if column and self._layout.session is None:
+            words = (
+                f"{column} differs there: if a run was begun anew, leave one out with --leave-out; if both are "
+                "sessions of this person, say so"
             )
-            found.append(error)
-        return found[:1]
+            remedy = self._remedy(words, "--session", column)
+        return refused(
+            self._paths[row.file - 1],
+            self._place(row),
+            f"column {self._layout.trial}",
+            f"trial {row.trial} of participant {quoted(row.participant)} again, after "
+            f"{self._paths[known.file - 1]}, {place.part} {place.number}",
+            "each once in a task",
+            remedy,
+        )
 
     def _doubts(self) -> tuple[Finding, ...]:
-        """Return what is implausible of the response times, with the unit that is more likely."""
-        times = [row.response_time_s for row in self._rows if row.response_time_s is not None]
-        if not times or FASTEST_S <= (usual := median(times)) <= SLOWEST_S:
-            return ()
-        in_s = self._layout.time_s is not None
-        other = "--milliseconds" if in_s else "--seconds"
-        likely = FASTEST_S <= usual * (1e-3 if in_s else 1e3) <= SLOWEST_S
-        command = tuple(
-            other if word in ("--seconds", "--milliseconds") else word for word in self._stated.command
-        ) or ("palpate", "import-trials", other, str(self._layout.time))  # fmt: skip
-        remedy: Remedy | str = f"check the unit of {self._layout.time}"
-        if likely:
-            remedy = Remedy(f"if they are in {other[2:]}, delete the dataset and say so: {{}}", command)
-        return (
-            Finding(
-                f"got a median response time of {usual:.3g} s, which is implausible",
-                field=f"column {self._layout.time}",
-                allowed=f"{FASTEST_S:g} to {SLOWEST_S:g} s",
-                remedy=remedy,
-                verdict="warns",
-                check="response times",
-            ),
-        )
+        """Return what is implausible of the trials."""
+        times: dict[str, list[float]] = {}
+        for row in self._rows:
+            if row.response_time_s is not None:
+                times.setdefault(row.participant, []).append(row.response_time_s)
+        return (*self._practice.doubts(self._stated), *time_doubts(times, self._layout, self._stated))
 
     def _remedy(self, words: str, *options: str) -> Remedy | str:
         return self._stated.remedy(words, *options)
@@ -345,21 +413,25 @@ _WRONG = "\0wrong"
 """Stands for an answer of which no more is known than that it was wrong."""
 
 
+_KEY = re.compile(r".|[0-9]+(\.0+)?").fullmatch
+"""What a participant presses, and no name of a material."""
+
+
+def _place(row: Row, understood: Understood) -> Place:
+    return Place(row.line, "element" if isinstance(understood, UnderstoodJson) else "line")
+
+
+def _form(name: str) -> str:
+    return skeleton(re.sub("[-_.]", "", name))
+
+
+def _akin(cell: str, known: Sequence[str]) -> str:
+    """Return the material of which a cell is another spelling, or nothing."""
+    return next((one for one in known if one != cell and _form(one) == _form(cell)), "")
+
+
 def _shown(row: Row) -> tuple[str, ...]:
     return (row.presented,) if row.second is None else (row.presented, row.second)
-
-
-def _table(path: Path, layout: Layout, stated: Stated) -> Table:
-    times = [layout.time] if layout.time is not None else []
-    try:
-        table = json_table(path, stated) if is_json(path) else read_table(path, layout.columns(), times, stated)
-    except PalpateError as error:
-        raise DatasetError.saying(error) from error
-    if not table.header:
-        raise DatasetError(path, "got an empty file", "name another file", allowed="a header, and a row for each trial")
-    _check_header(path, layout, table)
-    _check_unit(path, layout)
-    return table
 
 
 @dataclass(frozen=True)
@@ -388,72 +460,5 @@ class _Cells:
         )
 
     def refused(self, column: str, allowed: str, remedy: Remedy | str) -> DatasetError:
-        return _refused(self.path, self.line, column, self.cell(column), allowed, remedy)
-
-
-def _refused(path: Path, line: int, column: str, cell: str, allowed: str, remedy: Remedy | str) -> DatasetError:
-    return DatasetError(path, f"got {quoted(cell)}", remedy, allowed=allowed, field=f"column {column}", line=line)
-
-
-def _all_of(errors: Sequence[DatasetError]) -> DatasetError:
-    """Return one error of all: the only one as it is, or each kind with how often it occurs and where first."""
-    if len(errors) == 1:
-        return errors[0]
-    kinds: dict[tuple[str, str, str, str], list[Finding]] = {}
-    for error in errors:
-        one = error.finding
-        kinds.setdefault((one.field, one.what, one.allowed, str(one.remedy)), []).append(one)
-    told = [replace(same[0], line=None, what=f"{same[0].what} in {_places(same)}") for same in [*kinds.values()][:TOLD]]
-    if len(kinds) == 1:
-        return DatasetError.at(told[0])
-    if len(kinds) > TOLD:
-        told.append(Finding(f"and {len(kinds) - TOLD} kinds of errors more"))
-    files = list(dict.fromkeys(str(error.finding.where) for error in errors))
-    named = files[0] if len(files) == 1 else f"{files[0]} and {len(files) - 1} other files"
-    return DatasetError.in_file(f"{named}, in {len(errors)} places", told)
-
-
-def _places(same: Sequence[Finding]) -> str:
-    """Return where findings of one kind are."""
-    one = same[0]
-    first = str(one.where) if one.line is None else f"line {one.line} of {one.where}"
-    return first if len(same) == 1 else f"{len(same)} {'files' if one.line is None else 'rows'}, the first in {first}"
-
-
-def _listed(values: Sequence[str] | Mapping[str, None]) -> str:
-    named = [value if value.isprintable() and value else quoted(value) for value in values]
-    more = f" and {len(named) - TOLD} more" if len(named) > TOLD else ""
-    return ", ".join(named[:TOLD]) + more
-
-
-def _check_header(path: Path, layout: Layout, table: Table) -> None:
-    header = table.header
-    for column in layout.columns():
-        if (times := header.count(column)) != 1:
-            got = "no such column" if not times else f"{times} such columns"
-            there = _listed(dict.fromkeys(name for name in header if name))
-            raise DatasetError(
-                path,
-                f"got {got}",
-                "name it as the header does",
-                allowed=f"one of {there or 'a header'}",
-                field=f"column {column}",
-                line=next(iter(table.understood.heading_lines), None),
-            )
-
-
-def _check_unit(path: Path, layout: Layout) -> None:
-    """Refuse a column of times whose heading says another unit than the option that names it."""
-    named, unit = heading(layout.time or ""), "s" if layout.time_s else "ms"
-    says = time_unit(named)
-    # In a name a letter may stand for something else.
-    if says in ("", unit) or (says in ("min", "h") and not named.unit):
-        return
-    option = {"s": "--seconds", "ms": "--milliseconds"}.get(says)
-    raise DatasetError(
-        path,
-        f"got times in {says}, as their heading says",
-        f"name the column with {option}" if option else "export them in seconds",
-        allowed=unit,
-        field=f"column {layout.time}",
-    )
+        place = Place(self.line, "element" if isinstance(self.table.understood, UnderstoodJson) else "line")
+        return refused(self.path, place, f"column {column}", quoted(self.cell(column)), allowed, remedy)

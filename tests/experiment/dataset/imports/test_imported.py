@@ -78,7 +78,7 @@ def test_a_run_that_stands_in_two_files_is_told(tmp_path: Path) -> None:
     for path, said in zip(paths, ("felt", "cork"), strict=True):
         path.write_text(f"who,shown,said\n1,felt,{said}\n1,cork,{said}\n")
     made = import_trials(paths, tmp_path / "out", layout, study="lab", source="a lab")
-    assert made.sentences[-1].startswith("In several files stand trials of one task of: 01.")
+    assert made.sentences[-1].startswith("Several files have trials of one task of: 01.")
     assert read(made.root).attempts["trial"].tolist() == [1, 2, 3, 4]
     paths[1].write_bytes(paths[0].read_bytes())
     with pytest.raises(DatasetError, match=r"b.csv: holds the same as .*a.csv; give each file once"):

@@ -1,0 +1,141 @@
+"""What is implausible of trials that were read: practice among them, and response times in another unit."""
+
+import re
+from collections.abc import Mapping, Sequence
+from statistics import median
+
+from palpate.experiment.dataset.imports.layout import ABSENT, ANY, RIGHT, Layout
+from palpate.experiment.dataset.imports.refusals import listed
+from palpate.experiment.errors import Finding, Remedy
+from palpate.experiment.settings.characters import quoted
+from palpate.experiment.settings.delimited import Stated
+
+FASTEST_S, SLOWEST_S = 0.05, 60.0
+"""Nobody answers in a median time outside of these: another unit is more likely."""
+
+MOST_PHASES = 200
+"""A column with more different cells than this does not name phases."""
+
+PRACTICE = re.compile(
+    r"(?<![a-z])(practi[cs]|training|warm[ _-]?up|familiari[sz]ation|tutorial|übung|uebung|probe(durchg|lauf|trial)"
+    r"|(demo|demos|demonstration|prac)(?![a-z]))"
+)
+"""What a column or a cell says, in small letters, of trials that are no part of the measurement."""
+
+LOOP = re.compile(r"\.(this\w*|ran|order|started|stopped)$")
+"""How the columns end that PsychoPy fills in the rows of one loop or routine, and leaves empty in others."""
+
+
+class Practice:
+    """Which trials a column calls practice, gathered a row at a time."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Begin with no row; what `layout` names has another meaning."""
+        self._layout = layout
+        self._cells: dict[str, dict[str, str]] = {}
+        self._found: dict[str, dict[int, str]] = {}
+        self._people: list[str] = []
+
+    def add(self, participant: str, header: Sequence[str], cells: Sequence[str]) -> None:
+        """Take the next trial."""
+        row = len(self._people)
+        self._people.append(participant)
+        named = self._layout.columns()
+        for column, cell in zip(header, cells, strict=False):
+            known = self._cells.setdefault(column, {})
+            if column in named or len(known) > MOST_PHASES:
+                continue
+            if cell not in known:
+                known[cell] = _practice(column, cell.strip())
+            if value := known[cell]:
+                self._found.setdefault(column, {})[row] = value
+
+    def doubts(self, stated: Stated) -> tuple[Finding, ...]:
+        """Return each set of trials that a column calls practice, where its participants have others too."""
+        reported: set[int] = set()
+        found = []
+        columns = [one for one in self._found if len(self._cells[one]) <= MOST_PHASES and self._parts(one)]
+        for column in sorted(columns, key=lambda one: -len(self._found[one])):
+            rows = self._found[column]
+            if reported.issuperset(rows):
+                continue
+            reported |= set(rows)
+            values = list(dict.fromkeys(rows.values()))
+            says = "not empty" if values == [ANY] else " or ".join(map(quoted, values[:3]))
+            options = [word for value in values for word in ("--leave-out", f"{column}={value}")]
+            found.append(
+                Finding(
+                    f"{len(rows)} of {len(self._people)} trials, where it is {says}, may be practice and are counted",
+                    field=f"column {column}",
+                    remedy=stated.remedy("if they are, delete the dataset and leave them out", *options),
+                    verdict="warns",
+                    check="practice",
+                )
+            )
+        return tuple(found)
+
+    def _parts(self, column: str) -> bool:
+        """Return whether somebody has trials of both kinds; a group may be called training."""
+        rows = self._found[column]
+        practised = {self._people[row] for row in rows}
+        return any(row not in rows and who in practised for row, who in enumerate(self._people))
+
+
+def _practice(column: str, cell: str) -> str:
+    """Return what `leave_out` names a cell by that says practice, or nothing."""
+    if cell in ABSENT:
+        return ""
+    if PRACTICE.search(column.lower()):
+        if LOOP.search(column):
+            return ANY
+        if RIGHT.get(cell.lower()) or cell.lower() in ("y", "x", "t"):
+            return cell
+    return cell if len(cell) <= 40 and PRACTICE.search(cell.lower()) else ""
+
+
+def time_doubts(times: Mapping[str, Sequence[float]], layout: Layout, stated: Stated) -> tuple[Finding, ...]:
+    """Return what is implausible of the response times in seconds of each participant."""
+    medians = {who: median(some) for who, some in times.items() if some}
+    strange = {who: usual for who, usual in medians.items() if not FASTEST_S <= usual <= SLOWEST_S}
+    if not strange:
+        return ()
+    if len(strange) == len(medians):
+        usual = median(time for some in times.values() for time in some)
+        what = f"got a median response time of {usual:.3g} s, which is implausible"
+        remedy = _in_unit(strange, layout, stated)
+    else:
+        named = listed([f"{quoted(who)} ({usual:.3g} s)" for who, usual in strange.items()])
+        what = f"got implausible median response times of {len(strange)} of {len(medians)} participants: {named}"
+        remedy = _unit_remedy(strange, layout, stated)
+    allowed = f"{FASTEST_S:g} to {SLOWEST_S:g} s"
+    field = f"column {layout.time}"
+    return (Finding(what, field=field, allowed=allowed, remedy=remedy, verdict="warns", check="response times"),)
+
+
+def _likely_unit(medians: Mapping[str, float], layout: Layout) -> str:
+    """Return the unit in which all these would be plausible, or nothing."""
+    unit, factor = ("milliseconds", 1e-3) if layout.time_s is not None else ("seconds", 1e3)
+    return unit if all(FASTEST_S <= usual * factor <= SLOWEST_S for usual in medians.values()) else ""
+
+
+def _in_unit(medians: Mapping[str, float], layout: Layout, stated: Stated) -> Remedy | str:
+    """Return what to do about times of everybody."""
+    unit = _likely_unit(medians, layout)
+    if not unit:
+        return f"check the unit of {layout.time}"
+    words = tuple(f"--{unit}" if word in ("--seconds", "--milliseconds") else word for word in stated.command)
+    command = words or ("palpate", "import-trials", f"--{unit}", str(layout.time))
+    return Remedy(f"if they are in {unit}, delete the dataset and say so: {{}}", command)
+
+
+def _unit_remedy(medians: Mapping[str, float], layout: Layout, stated: Stated) -> Remedy | str:
+    """Return what to do about times of some participants."""
+    unit = _likely_unit(medians, layout)
+    likely = f"; theirs may be in {unit}" if unit else ""
+    words = f"check the unit of {layout.time} in their files{likely}, and export all in one unit"
+    if layout.participant is None:
+        return words
+    meant = {cell: label for cell, label in layout.people.items() if label in medians}
+    cells = dict.fromkeys((*meant, *(who for who in medians if layout.people.get(who, who) == who)))
+    options = [word for cell in cells for word in ("--leave-out", f"{layout.participant}={cell}")]
+    return stated.remedy(f"{words}, or delete the dataset and leave them out", *options)

@@ -1,0 +1,58 @@
+"""A file of trials as a table that has every column its layout names, and times in the unit that its heading says."""
+
+from pathlib import Path
+
+from palpate.experiment.dataset.imports.json_rows import is_json, json_table
+from palpate.experiment.dataset.imports.layout import Layout
+from palpate.experiment.dataset.imports.refusals import listed
+from palpate.experiment.errors import DatasetError, PalpateError
+from palpate.experiment.settings.delimited import Stated, Table, read_table
+from palpate.experiment.settings.units import heading, time_unit
+
+
+def trial_table(path: Path, layout: Layout, stated: Stated) -> Table:
+    """Return the table in a CSV or JSON file. Raises `DatasetError` where it has none that fits the layout."""
+    times = [layout.time] if layout.time is not None else []
+    try:
+        table = json_table(path, stated) if is_json(path) else read_table(path, layout.needed(), times, stated)
+    except PalpateError as error:
+        raise DatasetError.saying(error) from error
+    if not table.header:
+        raise DatasetError(path, "got an empty file", "name another file", allowed="a header, and a row for each trial")
+    _check_header(path, layout, table)
+    _check_unit(path, layout)
+    return table
+
+
+def _check_header(path: Path, layout: Layout, table: Table) -> None:
+    header = table.header
+    for column in layout.columns():
+        times = header.count(column)
+        if times > 1 or (not times and column in layout.needed()):
+            got = "no such column" if not times else f"{times} such columns"
+            there = listed(dict.fromkeys(name for name in header if name))
+            raise DatasetError(
+                path,
+                f"got {got}",
+                "name it as the header does",
+                allowed=f"one of {there or 'a header'}",
+                field=f"column {column}",
+                line=next(iter(table.understood.heading_lines), None),
+            )
+
+
+def _check_unit(path: Path, layout: Layout) -> None:
+    """Refuse a column of times whose heading says another unit than the option that names it."""
+    named, unit = heading(layout.time or ""), "s" if layout.time_s else "ms"
+    says = time_unit(named)
+    # In a name a letter may stand for something else.
+    if says in ("", unit) or (says in ("min", "h") and not named.unit):
+        return
+    option = {"s": "--seconds", "ms": "--milliseconds"}.get(says)
+    raise DatasetError(
+        path,
+        f"got times in {says}, as their heading says",
+        f"name the column with {option}" if option else "export them in seconds",
+        allowed=unit,
+        field=f"column {layout.time}",
+    )
