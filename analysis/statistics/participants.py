@@ -258,3 +258,24 @@ def jackknife(observed: float, left_out: Floats) -> Jackknife:
     value = people * observed - (people - 1) * float(left_out.mean())
     reach = float(stdtrit(people - 1, (1 + CONFIDENCE) / 2)) * error
     return Jackknife(value, error, value - reach, value + reach, CONFIDENCE)
+
+
+@dataclass(frozen=True)
+class Mean:
+    """The mean of a value of each participant, with its interval by Student's t; None for one participant."""
+
+    n: int
+    value: float
+    sd: float | None
+    low: float | None
+    high: float | None
+
+
+def mean(values: Floats) -> Mean:
+    """Return the mean over participants, shape (n,), n at least 1."""
+    n, centre = len(values), float(np.mean(values))
+    if n < 2:
+        return Mean(n, centre, None, None, None)
+    sd = float(np.std(values, ddof=1))
+    half = float(stdtrit(n - 1, (1 + CONFIDENCE) / 2)) * sd / n**0.5
+    return Mean(n, centre, sd, centre - half, centre + half)

@@ -134,9 +134,12 @@ def spectrum(
         typer.Option("--axes", metavar="X Y Z", help="Three channels that are the axes of one sensor, made one."),
     ] = None,
     reduction: Annotated[
-        Literal["dft321", "norm"],
-        typer.Option("--reduction", help="How axes become one: all their power at each frequency, or their length."),
-    ] = "dft321",
+        Literal["dft321", "norm"] | None,
+        typer.Option(
+            "--reduction",
+            help="How axes become one: all their power at each frequency, or their length [default: dft321].",
+        ),
+    ] = None,
     resample: Annotated[
         bool, typer.Option("--resample", help="Bring samples at uneven times onto an even grid.")
     ] = False,
@@ -165,8 +168,10 @@ def spectrum(
         raise PalpateError(f"--plot {plot}", "this is the recording itself", "name another file")
     if axes is not None and channel is not None:
         raise PalpateError("got --channel with --axes", remedy="leave one of them out", allowed="either")
+    if axes is None and reduction is not None:
+        raise PalpateError("got --reduction without --axes", remedy="name the axes with --axes X Y Z", allowed="both")
     stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context), resample)
-    made_of = None if axes is None else Axes(axes, reduction)
+    made_of = None if axes is None else Axes(axes, reduction or "dft321")
     result = spectra.of_file(file, channel=channel, axes=made_of, stated=stated)
     drawn = None if plot is None else spectra.plot(result, plot)
     plotted = f"\nPlot: {drawn}" if drawn else ""

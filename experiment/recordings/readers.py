@@ -134,6 +134,8 @@ def _opened(path: Path, stated: Stated) -> Callable[[str | None], Recording]:
 def _of_axes(axes: Sequence[Recording], reduction: Reduction) -> Recording:
     """Return one channel made of several axes."""
     first = axes[0]
+    if len({one.channel for one in axes}) < len(axes):
+        raise RecordingError("got one channel for several axes", remedy="name each once", allowed="different channels")
     for one in axes[1:]:
         got = f"got {one.channel!r} beside {first.channel!r}"
         if (one.rate_hz, one.samples.size) != (first.rate_hz, first.samples.size):

@@ -30,6 +30,9 @@ STEP_DB = 2.0
 RISE_NS = 500_000_000
 """The level rises by one step in so long at most, ns, whoever presses: loudness is heard in full after about 0.2 s."""
 
+LOOK_NS = 20_000_000
+"""Between two looks at whether a remembered step may be, ns."""
+
 FIRST_DB_A = 50.0
 """Level at which the first choice begins, dB(A): soft, so that it is turned up and not down."""
 
@@ -68,6 +71,12 @@ class Masking:
             criterion += " Nothing is played for that: have the participant touch it as in a trial, and listen."
         self._rise(self.masker.start, begin_db_a or FIRST_DB_A)
         while not self._silenced:
+            # The question is to state the level that is kept: a step up that is remembered comes before it.
+            while self._wanted:
+                if said := self.keep_up():
+                    self.console.tell(Notice(said))
+                else:
+                    self.clock.sleep_ns(LOOK_NS)
             level_db_a, limit_db_a = self.exposure.level_db_a or FIRST_DB_A, self.limit_db_a
             question = Level(level_db_a, limit_db_a, criterion, probe is not None, wanted.level_set_by)
             key = self.console.ask(question).key
@@ -104,14 +113,14 @@ class Masking:
             self.console.tell(Notice(said))
         with self._lock:
             level_db_a = self.masker.level_db_a
-            soon = key == LOUDER_KEY and level_db_a is not None and self.clock.now_ns() < self._rises_ns
+            soon = key == LOUDER_KEY and not self._may_rise() and level_db_a is not None
             self._wanted = soon
             if key != LOUDER_KEY and level_db_a is not None:
                 self._falls += 1
                 level_db_a = self.masker.set_level(level_db_a - STEP_DB)
                 self._note(level_db_a)
-        if key == LOUDER_KEY and not soon:
-            level_db_a = self._step_up()
+        if key == LOUDER_KEY and not soon and level_db_a is not None:
+            level_db_a = self._rise(self.masker.set_level, level_db_a + STEP_DB)
         self.record()
         later = f": it rises once in {RISE_NS / 1e9:g} s, and will once more" if soon else ""
         self.console.tell(Notice(self._in_words(level_db_a, later)))
@@ -120,9 +129,13 @@ class Masking:
     def keep_up(self) -> str:
         """Carry out the step up that is remembered, once it may be, and `record`; return what is to be told of it."""
         with self._lock:
-            due = self._wanted and self.clock.now_ns() >= self._rises_ns
+            level_db_a = self.masker.level_db_a
+            due = self._wanted and self._may_rise()
             self._wanted = self._wanted and not due
-        said = self._in_words(self._step_up()) if due else ""
+        said = ""
+        if due:
+            in_force = None if level_db_a is None else self._rise(self.masker.set_level, level_db_a + STEP_DB)
+            said = self._in_words(in_force)
         self.record()
         return said
 
@@ -131,12 +144,12 @@ class Masking:
         with self._lock:
             self._wanted = False
 
-    def _step_up(self) -> float | None:
-        """Rise by one step; return the level in force, None in silence."""
-        with self._lock:
-            level_db_a = self.masker.level_db_a
-            self._rises_ns = self.clock.now_ns() + RISE_NS
-        return None if level_db_a is None else self._rise(self.masker.set_level, level_db_a + STEP_DB)
+    def _may_rise(self) -> bool:
+        """Return whether a step up may be now, of which the lock is held; then no other one may be for `RISE_NS`."""
+        if (now_ns := self.clock.now_ns()) < self._rises_ns:
+            return False
+        self._rises_ns = now_ns + RISE_NS
+        return True
 
     def _in_words(self, level_db_a: float | None, later: str = "") -> str:
         if level_db_a is None:

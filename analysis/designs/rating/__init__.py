@@ -94,7 +94,7 @@ def _answers(study: Study, found: Ratings, stands: plan.Standing) -> Section:
     asked = tuple(
         Asked(
             question,
-            " ".join(_answer(test, task) for task in found.tasks if task.task.id in tasks),
+            _sentences(test, found, tasks),
             stands.mark(test, *tasks),
         )
         for (test, tasks), question in planned.items()

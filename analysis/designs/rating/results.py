@@ -13,9 +13,8 @@ import numpy as np
 from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics.exact import NotDefined
 from palpate.analysis.statistics.icc import Icc, icc
-from palpate.analysis.statistics.participants import Repeated, repeated
+from palpate.analysis.statistics.participants import Mean, Repeated, mean, repeated
 from palpate.analysis.statistics.psychophysics.magnitude import Power, power_law
-from palpate.analysis.statistics.psychophysics.psychometric import Mean, mean
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.designs.rating import Rating
 from palpate.experiment.records.events import NO_ANSWER
@@ -113,6 +112,13 @@ def compute(study: Study) -> Ratings:
             f"study {study.id}", f"got the ratings {', '.join(strange)}", "make the dataset again", allowed="numbers"
         )
     plans = [rating for part in study.parts if part.protocol and (rating := part.protocol.find(Rating))]
+    if any(one != plans[0] for one in plans[1:]):
+        raise DatasetError(
+            f"study {study.id}",
+            "got datasets whose ratings are of different scales, qualities or magnitudes",
+            "analyse each by itself",
+            allowed="one table [rating]",
+        )
     magnitudes = {one.material: one.value for plan in plans[:1] for one in plan.magnitudes}
     quality, unit = (plans[0].quality, plans[0].unit) if plans else (UNNAMED, None)
     tasks = tuple(_task(study, task, magnitudes) for task in study.tasks if len(study.trials(task.id)))

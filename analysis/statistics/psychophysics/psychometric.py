@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import ndtr, ndtri, stdtrit, xlog1py, xlogy
+from scipy.special import ndtr, ndtri, xlog1py, xlogy
 
 from palpate.analysis.statistics.exact import Floats, NotDefined
 from palpate.analysis.statistics.inference import CONFIDENCE
@@ -22,6 +22,9 @@ FINE = 61, 41, 11
 MOST_LAPSES = 0.2
 OF_LAPSES = 10.0
 """Lapses are at most as many; the second parameter of their Beta prior."""
+
+OPEN = 0.005
+"""With more of the posterior in the last of the first grid's thresholds, the answers leave it open; ours."""
 
 TAIL = 1e-6
 """The second grid leaves out less of the posterior on each side; ours."""
@@ -79,11 +82,12 @@ def fit(x: Floats, right: Floats, trials: Floats, *, guess: float, lapse: float 
     bounds = (float(x.min()) - span / 2, float(x.max()) + span / 2), (np.log(step / 4), np.log(2 * span))
     lapses = np.linspace(0, MOST_LAPSES, COARSE[2]) if lapse is None else np.array([lapse])
     data = _Data(x, right, trials, guess)
-    axes, at_bound = (np.linspace(*bounds[0], COARSE[0]), np.linspace(*bounds[1], COARSE[1])), False
+    axes, ends = (np.linspace(*bounds[0], COARSE[0]), np.linspace(*bounds[1], COARSE[1])), 0.0
     for size in (COARSE, FINE):
         weight = data.posterior(*axes, lapses)
         marginal = weight.sum(axis=(1, 2)), weight.sum(axis=(0, 2))
         if size is COARSE:
+            ends = marginal[0][[0, -1]].max() / marginal[0].sum()
             held = [_holding(axis, of) for axis, of in zip(axes, marginal, strict=True)]
             axes = np.linspace(*held[0], FINE[0]), np.linspace(*held[1], FINE[1])
     place = np.unravel_index(int(np.argmax(weight)), weight.shape)
@@ -91,11 +95,10 @@ def fit(x: Floats, right: Floats, trials: Floats, *, guess: float, lapse: float 
     best = float(lapses[place[2]])
     found = minimize(lambda at: -data.log_likelihood(at[0], at[1], best), start, method="Nelder-Mead", tol=1e-10)
     threshold = _quantiles(axes[0], marginal[0])
-    at_bound = threshold.low <= bounds[0][0] + step / 2 or threshold.high >= bounds[0][1] - step / 2
     log_spread, missed = _quantiles(axes[1], marginal[1]), _quantiles(lapses, weight.sum(axis=(0, 1)))
     spread = Known(*(float(np.exp(one)) for one in (log_spread.value, log_spread.low, log_spread.high)))
     mode = float(found.x[0]), float(np.exp(found.x[1])), best
-    return Fit(threshold, spread, missed, guess, mode, int(trials.sum()), at_bound)
+    return Fit(threshold, spread, missed, guess, mode, int(trials.sum()), bool(ends > OPEN))
 
 
 @dataclass(frozen=True)
@@ -138,24 +141,3 @@ def _quantiles(axis: Floats, weight: Floats) -> Known:
     tail = (1 - CONFIDENCE) / 2
     value, low, high = (float(one) for one in np.interp([0.5, tail, 1 - tail], below, edges))
     return Known(value, max(low, float(axis[0])), min(high, float(axis[-1])))
-
-
-@dataclass(frozen=True)
-class Mean:
-    """The mean of a value of each participant, with its interval by Student's t; None for one participant."""
-
-    n: int
-    value: float
-    sd: float | None
-    low: float | None
-    high: float | None
-
-
-def mean(values: Floats) -> Mean:
-    """Return the mean over participants, shape (n,), n at least 1."""
-    n, centre = len(values), float(np.mean(values))
-    if n < 2:
-        return Mean(n, centre, None, None, None)
-    sd = float(np.std(values, ddof=1))
-    half = float(stdtrit(n - 1, (1 + CONFIDENCE) / 2)) * sd / n**0.5
-    return Mean(n, centre, sd, centre - half, centre + half)

@@ -14,6 +14,7 @@ from palpate.experiment.recordings.formats.interface import (
     Channel,
     Format,
     channels_of,
+    nearest,
     needed,
     refuse_large,
     stated_step_s,
@@ -32,15 +33,15 @@ def read(content: bytes) -> tuple[list[Channel], str]:
         with h5py.File(io.BytesIO(content), "r") as file:
             file.visititems(lambda name, one: held.append((name, one)) if _is_own(h5py, one) else None)
             refuse_large((one.size for _, one in held), NAME)
-            steps = {name: _step_s(name, one) for name, one in held}
+            steps = {name.rpartition("/")[0]: step for name, one in held if (step := _step_s(name, one)) > 0}
+            for group in {group.name: group for _, one in held for group in _groups(one)}.values():
+                if (step := _of_attributes(group)) > 0:
+                    steps[group.name.strip("/")] = step
             found = []
             for name, one in held:
-                given = [
-                    stated_step_s(key, value) for each in (one, *_groups(one)) for key, value in each.attrs.items()
-                ]
-                given += [step for other, step in steps.items() if name.startswith(other.rpartition("/")[0])]
                 unit = next((str(_text(one.attrs[key])) for key in UNITS if key in one.attrs), "")
-                step = next((step for step in given if step > 0), np.nan)
+                own = _of_attributes(one)
+                step = own if own > 0 else nearest(name.rpartition("/")[0], steps)
                 found += channels_of(name, _scaled(name, one), unit, step)
     except (OSError, ValueError, KeyError, RuntimeError, OverflowError) as error:
         raise RecordingError(
@@ -75,6 +76,10 @@ def _groups(one: Any) -> list[Any]:
         one = one.parent
         found.append(one)
     return found
+
+
+def _of_attributes(one: Any) -> float:
+    return next((step for key, value in one.attrs.items() if (step := stated_step_s(key, value)) > 0), np.nan)
 
 
 def _step_s(name: str, one: Any) -> float:

@@ -1,6 +1,6 @@
 """What a binary format of recordings supplies, and what all of them refuse alike."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -71,6 +71,16 @@ def channels_of(name: str, values: NDArray[Any], unit: str = "", step_s: float =
         return [Channel(name, flat, unit, step_s)]
     by_column = flat if flat.shape[0] >= flat.shape[1] else flat.T
     return [Channel(f"{name} {k + 1}", by_column[:, k], unit, step_s) for k in range(by_column.shape[1])]
+
+
+def nearest(group: str, steps: Mapping[str, float]) -> float:
+    """Return the step, s, that a group states, or else the nearest group around it; NaN where none does.
+
+    Groups are paths with slashes; that of the file is empty.
+    """
+    while group and group not in steps:
+        group = group.rpartition("/")[0]
+    return steps.get(group, np.nan)
 
 
 def stated_step_s(name: str, value: object) -> float:

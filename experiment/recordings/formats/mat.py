@@ -17,6 +17,7 @@ from palpate.experiment.recordings.formats.interface import (
     Channel,
     Format,
     channels_of,
+    nearest,
     refuse_large,
     stated_step_s,
 )
@@ -72,12 +73,11 @@ def read(content: bytes) -> tuple[list[Channel], str]:
         )
     steps = {group: step for name, values in numbers for group, own in (_split(name),)
              if (step := stated_step_s(own, values)) > 0}  # fmt: skip
-    known = next(iter(steps.values()), np.nan) if len(set(steps.values())) < 2 else np.nan
     found: list[Channel] = []
     for name, values in numbers:
         group, own = _split(name)
         unit = "" if is_clock(own) else units.get(group, "")
-        found += channels_of(name, values, unit, steps.get(group, known))
+        found += channels_of(name, values, unit, nearest(group, steps))
     return found, ""
 
 

@@ -13,6 +13,7 @@ from palpate.analysis.statistics.participants import (
     equivalence,
     equivalence_tests,
     jackknife,
+    mean,
     misfit,
     repeated,
     repeated_tests,
@@ -138,3 +139,11 @@ def test_a_misfit_is_the_deviance_beside_the_spread_of_participants() -> None:
     for few, df in ((counts[:1], 2), (counts, 0)):
         with pytest.raises(NotDefined):
             misfit(few, 1.0, df)
+
+
+def test_the_mean_over_participants_has_students_interval() -> None:
+    """R 4.2.2: t.test(c(-15.5, -14, -17.25, -16))."""
+    found = mean(np.array([-15.5, -14.0, -17.25, -16.0]))
+    assert found.n == 4
+    assert (found.value, found.low, found.high) == pytest.approx((-15.6875, -17.82667, -13.54833), abs=1e-5)
+    assert mean(np.array([3.0])).low is None

@@ -87,6 +87,9 @@ def test_three_axes_of_a_file_are_one_channel(tmp_path: Path, refuses: Refuses) 
     file.write_text(f"time (s),x (g),y (m/s^2),z (g)\n{rows}")
     with refuses(RecordingError):
         read(file, axes=Axes(("x", "y", "z")))
+    with pytest.raises(RecordingError) as refused:
+        read(file, axes=Axes(("x", "1", "z")))
+    assert refused.value.finding.allowed == "different channels"
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.int16])
@@ -138,3 +141,9 @@ def test_a_steady_tone_that_was_cut_looks_clipped() -> None:
         assert found is not None
         assert (found.runs, found.ends) == (2 * cycles, (whole, -whole))
         assert clipping(np.round(tone / 1.4 * whole).astype(np.int32)) is None
+
+
+def test_a_signal_that_rests_at_zero_is_not_clipped_there() -> None:
+    gated = np.tile([0.0, 0, 0, 0, 0.3, 0.5, 0.9, 0.7, 0.4, 0.2, 0.6, 0.8], 50)
+    gated[gated > 0] += np.random.default_rng(1).uniform(0, 0.1, np.count_nonzero(gated))
+    assert clipping(gated) is None

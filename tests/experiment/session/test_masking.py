@@ -367,3 +367,21 @@ def test_softer_counts_while_the_disk_holds_up_a_step_up() -> None:
     falling.join(60)
     assert masker.level_db_a == 48.0
     assert [entry.level_db_a for entry in written if isinstance(entry, MaskerSet)] == [52.0, 48.0]
+
+
+def test_the_level_that_is_asked_about_is_the_one_that_is_kept(protocol: Protocol) -> None:
+    """A key pressed within half a second of the one before is carried out before the level is asked about again."""
+    clock, asked = ManualClock(START_NS), list[float]()
+
+    class AtOnce(ScriptedConsole):
+        def ask(self, question: object) -> Reply:
+            assert isinstance(question, Level)
+            asked.append(question.level_db_a)
+            return Reply(key=("+", "+", "-", "+", ENTER)[len(asked) - 1])
+
+    masker = ScriptedMasker(clock)
+    one = Masking(masker, AtOnce(clock, ""), lambda _: None, clock)
+    one.choose(protocol.masker, None, None)
+    assert asked == [50.0, 52.0, 54.0, 52.0, 54.0]
+    assert masker.level_db_a == 54.0
+    assert clock.now_ns() - START_NS >= 10**9

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.analysis.statistics.exact import NotDefined
-from palpate.analysis.statistics.psychophysics.psychometric import fit, mean, psychometric
+from palpate.analysis.statistics.psychophysics.psychometric import fit, psychometric
 
 X = np.array([-24.0, -20, -16, -12, -8, -4])
 TRIALS = np.full(6, 30.0)
@@ -50,11 +50,3 @@ def test_what_the_levels_do_not_reach_is_said() -> None:
     assert fit(X, TRIALS, TRIALS, guess=0.5).at_bound
     with pytest.raises(NotDefined):
         fit(X[:1], TRIALS[:1], TRIALS[:1], guess=0.5)
-
-
-def test_the_mean_over_participants_has_students_interval() -> None:
-    """R 4.2.2: t.test(c(-15.5, -14, -17.25, -16))."""
-    found = mean(np.array([-15.5, -14.0, -17.25, -16.0]))
-    assert found.n == 4
-    assert (found.value, found.low, found.high) == pytest.approx((-15.6875, -17.82667, -13.54833), abs=1e-5)
-    assert mean(np.array([3.0])).low is None

@@ -228,3 +228,20 @@ def test_the_unit_that_a_structure_states_is_that_of_its_samples_and_of_no_clock
     savemat(path, {"rec": {"acc": SAMPLES, "t": TIMES_S, "unit": "m/s²"}, "other": {"x": SAMPLES, "units": "g"}})
     stated = Stated(time_unit="s")
     assert [read(path, channel=name, stated=stated).unit for name in ("rec/acc", "other/x")] == ["m/s²", "g"]
+
+
+def test_a_rate_is_that_of_its_own_structure_or_group_and_of_those_within(tmp_path: Path) -> None:
+    path = tmp_path / "recording"
+    savemat(path, {"imu": {"gyro": SAMPLES, "fs": 100.0, "inner": {"x": SAMPLES}}, "force": SAMPLES})
+    assert [read(path, channel=name).rate_hz for name in ("imu/gyro", "imu/inner/x")] == pytest.approx([100.0, 100.0])
+    with pytest.raises(RecordingError) as refused:
+        read(path, channel="force")
+    assert refused.value.finding.allowed.startswith("a column of times")
+    path.unlink()
+    with h5py.File(path, "w") as file:
+        file.attrs["fs"] = 500.0
+        for run, rate_hz in (("run1", 1000.0), ("run10", 2000.0)):
+            file[f"{run}/acc"], file[f"{run}/fs"] = SAMPLES, rate_hz
+        file["acc"] = SAMPLES
+    rates = [read(path, channel=name).rate_hz for name in ("run1/acc", "run10/acc", "acc")]
+    assert rates == pytest.approx([1000.0, 2000.0, 500.0])
