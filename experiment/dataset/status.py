@@ -381,11 +381,13 @@ def _reconsent(root: Path, dataset: Dataset, today: date) -> Iterator[Finding]:
 
 def _reminders(root: Path, dataset: Dataset, people: list[Person], today: date) -> Iterator[Finding]:
     asked = dataset.roster.consent_on if dataset.roster and dataset.protocol.consent.required else {}
+    on = today if dataset.roster is None else dataset.roster.known_day(today)
     for one in people:
         if one.state == "to begin" and asked.get(one.participant, date.min) is None:
             words = f"Record the consent of participant {one.participant} before their session: {{}}"
             given = ("--participant", one.participant, "--consent-on", "DAY", "--dataset", str(root))
-            command = ("palpate", "consent", str(storage.protocol_path(root)), *given)
+            version = 1 if dataset.approvals is None else dataset.approvals.version_on(on)
+            command = ("palpate", "consent", str(storage.protocol_path(root, version)), *given)
             yield Finding("", remedy=Remedy(words, command))
         if one.task is not None and one.task.footer is None and one.state == "under way":
             again = GOES_ON.get(dataset.purpose, "palpate run")

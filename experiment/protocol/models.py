@@ -456,6 +456,10 @@ class Protocol(Confined):
 
     _folder: Path = PrivateAttr(Path())
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether another protocol says the same, in whatever folder its file is."""
+        return isinstance(other, Protocol) and self.__dict__ == other.__dict__
+
     def task(self, task_id: str) -> Task:
         """Return the task with this id. Raises `KeyError` if there is none."""
         for task in self.tasks:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from datetime import date
 from importlib import import_module
 from itertools import pairwise
-from math import factorial
+from math import comb, factorial
 from pathlib import Path
 from typing import Any
 
@@ -508,7 +508,7 @@ def _odd(protocol: Protocol) -> Iterator[Block]:
 
 def advice(protocol: Protocol) -> tuple[Finding, ...]:
     """Return each value that is legal but odd, which nothing refuses: its field, and what it would be as a rule."""
-    checks = (_unasked_consent, _chances, _open_anovas, _orders, _duration, _levels_advice)
+    checks = (_unasked_consent, _chances, _open_anovas, _too_few, _orders, _duration, _levels_advice)
     odd = (mismatch(field, None, got, allowed) for field, got, allowed in kind_words(protocol.tasks[0]).odd(protocol))
     return (*(problem for check in checks for problem in check(protocol)), *odd)
 
@@ -535,6 +535,25 @@ def _open_anovas(protocol: Protocol) -> Iterator[Finding]:
         if test.test == "one-way ANOVA" and test.materials is None:
             allowed = "as a rule the two materials that it compares: without them its table is exploratory"
             yield mismatch(written(("analysis", place, "materials")), None, "none", allowed)
+
+
+def _too_few(protocol: Protocol) -> Iterator[Finding]:
+    """Yield each planned test by sign flips whose least P, 2^(1 - n) of n participants, is above alpha under Holm."""
+    for place, test in enumerate(protocol.analysis):
+        people = min((task.participants for task in protocol.tasks if task.id in test.tasks), default=0)
+        if not test.test.startswith("sign flips") or not people:
+            continue
+        materials = len(test.materials or protocol.materials)
+        of = {"against chance": materials, "between tasks": comb(len(test.tasks), 2)}
+        family = next((count for words, count in of.items() if test.test.endswith(words)), comb(materials, 2))
+        family *= len(test.tasks) if test.correction == "materials and tasks" else 1
+        tests = max(family, 1) if test.correction else 1
+        if tests * 2.0 ** (1 - people) > test.alpha:
+            least = next(n for n in range(people, people + 99) if tests * 2.0 ** (1 - n) <= test.alpha)
+            told = f"{test.test} of {people} participants, whose least P is {2.0 ** (1 - people):.3g}"
+            told += f", {tests * 2.0 ** (1 - people):.3g} by Holm" if tests > 1 else ""
+            allowed = f"as a rule {least} participants or more: with fewer nothing can be shown at alpha {test.alpha:g}"
+            yield mismatch(written(("analysis", place, "test")), None, told, allowed)
 
 
 def _orders(protocol: Protocol) -> Iterator[Finding]:

@@ -123,3 +123,21 @@ def test_a_chance_of_which_not_all_digits_are_written_is_that_of_a_guess(
 ) -> None:
     planned = PlannedTest(test="t against chance", tasks=("virtual",), question="Better than chance?", chance=stated)
     assert planned.exact_chance(count) == exact
+
+
+@pytest.mark.parametrize(
+    ("people", "test", "least"),
+    [
+        (5, {}, 6), (6, {}, None), (6, {"correction": "materials"}, 7), (7, {"correction": "materials"}, None),
+        (5, {"alpha": 0.1}, None), (8, {"alpha": 0.01}, None), (7, {"alpha": 0.01}, 8),
+    ],
+)  # fmt: skip
+def test_sign_flips_of_too_few_to_show_anything(people: int, test: dict[str, object], least: int | None) -> None:
+    """Two-sided, the least P of n participants is 2 / 2^n; Holm multiplies it by the number of tests, here two."""
+    study = document()
+    assert len(study["materials"]) == 2
+    study["tasks"] = tuple({**task, "participants": people} for task in study["tasks"])
+    planned = {"question": "?", "test": "sign flips against chance", "tasks": ("one",), "chance": 0.5, **test}
+    made = {**study, "format": 6, "study": {**study["study"], "participants": people}, "analysis": (planned,)}
+    found = [one for one in advice(ProtocolFile.model_validate(made)) if one.field == "analysis[0].test"]
+    assert [f"{least} participants or more" in one.allowed for one in found] == [True] * (least is not None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,10 +13,13 @@ from syrupy.assertion import SnapshotAssertion
 
 import palpate
 from palpate.analysis.analyse import Analysis, analyse
+from palpate.analysis.designs import rating
 from palpate.analysis.designs.rating import results
 from palpate.analysis.export import files
 from palpate.analysis.reading.dataset import read
+from palpate.analysis.report import plan
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol.designs.rating import Rating
 from tests.analysis.designs.rating.sample import MATERIALS, dataset
 from tests.approved import anywhere
 
@@ -78,3 +82,23 @@ def test_ratings_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     study = read(dataset(tmp_path / "study", scale=("1", "2", "3", "4", "5", "a lot")))
     with pytest.raises(DatasetError):
         results.compute(study)
+
+
+def test_a_table_of_several_tasks_has_the_mark_of_each_where_they_differ() -> None:
+    planned = plan.Standing(frozenset({("power law", "one")}), frozenset(), frozenset())
+    marks = dict(one.split(": ") for one in rating.mark_of(planned, "power law", ("one", "two")).split("; "))
+    assert marks == {"one": "planned", "two": "exploratory"}
+    assert rating.mark_of(planned, "power law", ("one",)) == "planned"
+
+
+def test_datasets_whose_ratings_are_of_different_scales_are_not_pooled(tmp_path: Path) -> None:
+    study = read(dataset(tmp_path))
+    (part,) = study.parts
+    assert part.protocol is not None
+    other = part.protocol.model_copy(
+        update={"rating": part.protocol.table(Rating).model_copy(update={"quality": "loudness"})}
+    )
+    results.compute(replace(study, parts=(part, part)))
+    with pytest.raises(DatasetError) as refused:
+        results.compute(replace(study, parts=(part, replace(part, protocol=other))))
+    assert refused.value.finding.allowed == "one table [rating]"
