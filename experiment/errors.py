@@ -120,6 +120,10 @@ class PedalError(PalpateError):
     """The participant's pedal cannot be opened, or is silent: nobody could stop with it."""
 
 
+class ButtonsError(PalpateError):
+    """The participant's buttons cannot be opened, are silent, or send what no buttons do."""
+
+
 class ServoError(PalpateError):
     """The device that pushes the hand cannot be used, or the process that drives it has ended."""
 

@@ -1,4 +1,4 @@
-"""The participant's screen and pedal in a rig file: display, keys, the screen's own sentences, and the pedal's port."""
+"""The participant's screen, buttons and pedal in a rig file: display, keys, the screen's own sentences, and ports."""
 
 from collections.abc import Iterator
 from datetime import date
@@ -69,7 +69,10 @@ class ScreenWords(Confined):
         coming: another trial is.
         again: armed after a step that did not count.
         answer: the answer is awaited.
-        compare: same, two samples.
+        choose: same, chosen on the screen.
+        press: same, with buttons.
+        feel: before either, two samples.
+        compare: as `answer`, two samples.
         first: added while the first virtual surface is there.
         second: added for the second.
         pause: break, above the time left.
@@ -98,6 +101,9 @@ class ScreenWords(Confined):
     coming: Line = Field("Feel what comes.", json_schema_extra={"since": 6})
     again: Line = "That step did not count. Lift your foot, then step once more."
     answer: Line = "Say aloud what you felt."
+    choose: Line = Field("Choose what you felt.", json_schema_extra={"since": 6})
+    press: Line = Field("Press the button for what you felt.", json_schema_extra={"since": 6})
+    feel: Line = Field("Feel both, as often as you wish.", json_schema_extra={"since": 6})
     compare: Line = "Feel both, as often as you wish. Then say your answer aloud."
     first: Line = "The first is there now. Say so when you want the second."
     second: Line = "The second is there now. Say so when you want the first."
@@ -142,6 +148,25 @@ class ScreenRig(Confined):
     def stop(self) -> str:
         """The key with which the participant stops everything."""
         return (self.keys or ScreenKeys()).stop
+
+
+ButtonName = Annotated[
+    str, Field(pattern=r"^[!-\-/-@\[-~]$", description="one ASCII character, neither a capital letter, a blank nor .")
+]
+
+
+class ButtonsRig(Confined):
+    """The participant's buttons for answers, on their own serial line.
+
+    Attributes:
+        port: device path, or URL for pyserial.
+        baud: bits a second.
+        names: what the board sends: the keys of the answers.
+    """
+
+    port: Line
+    baud: Annotated[int, Field(ge=1200, le=12_000_000)]
+    names: Annotated[tuple[ButtonName, ...], Field(min_length=2)]
 
 
 class PedalRig(Confined):

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import date
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.ports import Actuator, Pedal, Tracker
+from palpate.experiment.apparatus.ports import Actuator, Buttons, Pedal, Tracker
 from palpate.experiment.apparatus.rig import REHEARSAL, AudioRig, Rig, needed, response_table, tracker_of
 from palpate.experiment.apparatus.tracker.settings import FRAMES
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import ActuatorError, Finding, Remedy, RigError, TrackerError
+from palpate.experiment.protocol.rules import Mode
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.masker import MaskerNoise
@@ -180,6 +182,25 @@ def open_pedal(rig: Rig, *, port: str | None = None) -> Pedal | None:
     if port is None and rig.pedal.port == REHEARSAL:
         raise RigError.at(simulated_only(rig, "pedal.port"))
     return pedal.Pedal(port or rig.pedal.port, rig.pedal.baud)
+
+
+def open_buttons(
+    rig: Rig, mode: Mode, *, clock: Clock, port: str | None = None, known: ClockMap | None = None
+) -> Buttons | None:
+    """Return the participant's buttons once they are there, at the rig's port or another; None for another `mode`.
+
+    A `known` clock is a simulated one. Raises `RigError` for a rig without any, or simulated ones, and `ButtonsError`.
+    """
+    if mode != "keys":
+        return None
+    box = import_module("palpate.experiment.apparatus.buttons").ButtonBox
+    if port is not None:
+        # A pseudo-terminal has no speed.
+        return cast("Buttons", box(port, 115_200, clock=clock, known=known))
+    settings = needed(rig, "buttons", rig.buttons, "add it", "because answers.mode is 'keys'")
+    if settings.port == REHEARSAL:
+        raise RigError.at(simulated_only(rig, "buttons.port"))
+    return cast("Buttons", box(settings.port, settings.baud, clock=clock))
 
 
 def open_actuator(

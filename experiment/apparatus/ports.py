@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -48,6 +49,39 @@ class Pedal(Protocol):
 
     def pressed(self) -> bool:
         """Return within 0.1 s whether it was pressed. Raises `PedalError` if nobody could stop with it any more."""
+
+    def close(self) -> None: ...
+
+
+class Press(Protocol):
+    """A button that was pressed."""
+
+    @property
+    def key(self) -> str:
+        """Its name."""
+
+    @property
+    def device_us(self) -> int:
+        """When, by the device's own clock, microseconds."""
+
+
+class Buttons(Protocol):
+    """With what the participant answers, dated by `clock_map`."""
+
+    @property
+    def clock_map(self) -> ClockMap | None:
+        """Session time of device time; None before anything has come."""
+
+    @property
+    def error_s(self) -> float | None:
+        """The standard error of a press on the session's clock, s; None where nobody knows."""
+
+    @property
+    def late_s(self) -> Sequence[float]:
+        """How long after `clock_map` says the last that came was there, s."""
+
+    def read(self) -> Sequence[Press]:
+        """Return within 0.1 s what was pressed since the last call. Raises `ButtonsError`."""
 
     def close(self) -> None: ...
 

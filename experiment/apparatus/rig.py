@@ -15,7 +15,7 @@ import rfc8785
 from pydantic import Field, PrivateAttr
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus.display import PedalRig, ScreenRig
+from palpate.experiment.apparatus.display import ButtonsRig, PedalRig, ScreenRig
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.settings import FRAMES, TrackerRig
 from palpate.experiment.errors import ProtocolError, Remedy, RigError
@@ -29,7 +29,7 @@ REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
 
 PLACES = dict.fromkeys(("actuator", "accelerometer", "servo"), "address") | {"audio": "device"}
-PLACES |= {"tracker": "port", "pedal": "port"}
+PLACES |= {"tracker": "port", "pedal": "port", "buttons": "port"}
 """Where each device of a rig is found, by its table: the key that a simulated rig leaves to the rehearsal."""
 
 
@@ -481,7 +481,8 @@ class Rig(Confined):
         anchors: where each session's end is anchored.
         stops: the emergency stop and the amplifier's own limit; a real rig needs them for a force device, and for an
             actuator that may exceed the board's limit.
-        pedal: the participant's pedal or button, where there is one.
+        pedal: the participant's pedal or button that stops everything, where there is one.
+        buttons: the participant's buttons for answers, where there are any.
     """
 
     RULES: ClassVar[Rules] = _rig_rules
@@ -497,6 +498,7 @@ class Rig(Confined):
     anchors: AnchorsRig | None = None
     stops: StopsRig | None = Field(None, json_schema_extra={"since": 2})
     pedal: PedalRig | None = Field(None, json_schema_extra={"since": 3})
+    buttons: ButtonsRig | None = Field(None, json_schema_extra={"since": 6})
 
     _folder: Path | None = PrivateAttr(None)
 

@@ -296,9 +296,14 @@ def _examine_rig(
 ) -> tuple[str, PalpateError | None]:
     """Return what the board reads of a rig for a study, and why it is refused for participants `today`, if it is."""
     from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
+    from palpate.experiment.session import answering
     from palpate.experiment.session.kind import session_kind
 
     virtual, said = [task for task in protocol.tasks if task.stimulus == "virtual"], []
+    try:
+        answering.check(protocol, rig)
+    except PalpateError as refused:
+        return "", refused
     if not virtual:
         return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
     try:

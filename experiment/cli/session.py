@@ -89,6 +89,7 @@ def run(
     if session_at is None and not served and serve is None:
         options.at_once(f"Opening the session{' of PRACTICE, with a simulated laboratory' if practice else ''} ...")
     from palpate.experiment.protocol import files
+    from palpate.experiment.session import answering
     from palpate.experiment.session.visit import ending_words
 
     if practice and recordings is not None:
@@ -146,6 +147,7 @@ def run(
         link.place(folder, who)
         _serve(serve, port)
     elif not at_console:
+        answering.check_lines(protocol)
         from palpate.experiment.desk.terminal import TerminalConsole, typed_ahead
 
         heading = "PRACTICE" if practice else f"Participant {participant}."
@@ -165,7 +167,8 @@ def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practic
     if not practice and storage.seed_path(folder).exists() and enrolment.purpose_of(folder) == "PILOT":
         label = "PILOT"
     at_will = any(kind_of(task.kind).at_will for task in protocol.tasks)
-    return View(label=label, study=protocol.study.id, at_will=at_will, participant=participant)
+    mode = protocol.answers.mode
+    return View(label=label, study=protocol.study.id, at_will=at_will, mode=mode, participant=participant)
 
 
 def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"], *, last: bool) -> None:

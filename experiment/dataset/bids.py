@@ -235,7 +235,8 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
     attempts = list(rows)
     known = {name for row in attempts for name in row}
     own = columns_of(task.kind, design_of(task.design).intervals)
-    texts = {**own, **{name: text for name, text in columns_of("further").items() if name in known}}
+    further = {**columns_of("further"), **columns_of("answers")}
+    texts = {**own, **{name: text for name, text in further.items() if name in known}}
     described = _described(texts, task.origin)
     for name in ("presented", *PLACES):
         if name in described:

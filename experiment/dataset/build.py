@@ -161,6 +161,7 @@ def event_rows(
     recorded = contents.entries
     answers, corrections = _by_attempt(recorded, entries.Answer), _by_attempt(recorded, entries.Correction)
     redone, spoken = _by_attempt(recorded, entries.Redo), _by_attempt(recorded, entries.Spoken)
+    theirs = any(answer.by == "participant" for answer in answers.values())
     maskers, chosen = _maskers(recorded), _by_attempt(recorded, entries.LevelChosen)
     rows: list[dict[str, object]] = []
     for outcome, own in kind.cells(path, contents):
@@ -181,6 +182,7 @@ def event_rows(
                 **({"track": level.track, "level": level.level} if (level := chosen.get(attempt)) else {}),
                 **maskers[attempt],
                 **_answer_cells(answer, spoken.get(attempt)),
+                **(_press_cells(answer, own) if theirs and answer is not None else {}),
                 **own,
             }
         )
@@ -225,6 +227,20 @@ def _answer_cells(answer: entries.Answer | None, spoken: entries.Spoken | None) 
         "voice_proposed": spoken.proposed,
         "voice_agreement": round(spoken.agreement, 3) if known else None,
         "voice_lead": round(spoken.lead, 3) if known else None,
+    }
+
+
+def _press_cells(answer: entries.Answer, own: Cells) -> dict[str, object]:
+    """Return who answered, in a session in which participants do so themselves, and what is known of the press."""
+    heard_s = own.get("onset_error")
+    pressed = answer.by == "participant"
+    from_onset_s = answer.response_time_s - heard_s if pressed and isinstance(heard_s, float) else None
+    return {
+        "answered_by": answer.by,
+        "response_end": "press" if pressed else "choice",
+        "response_time_standard_error": None if answer.error_s is None else round(answer.error_s, 6),
+        "response_from_onset": None if from_onset_s is None else round(from_onset_s, 6),
+        "press_device_time": None if answer.device_us is None else answer.device_us / 1e6,
     }
 
 

@@ -5,7 +5,7 @@ question on the screen when it was pressed. Without a console nothing new is arm
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,7 +15,7 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.clock import monotonic_ns, wall_ns
 from palpate.experiment.desk import messages, prompts, questions
 from palpate.experiment.desk.messages import ENTER, ESCAPE, Asked, Choose, Deed, Hello, Pause, Stop, View
-from palpate.experiment.desk.questions import Arm, Attended, Notice, Question, Reply
+from palpate.experiment.desk.questions import Arm, Attended, Notice, Pressed, Question, Reply
 from palpate.experiment.errors import LinkError, PalpateError, PauseAsked
 from palpate.experiment.settings import characters
 
@@ -47,11 +47,17 @@ END_BREAK = questions.Asking(
 )
 """A key that is leaned on is one press, and no answer to this."""
 
-NOT_THEIRS = {
+NOT_THEIRS: dict[messages.By, str] = {
     "participant": "The participant does not answer this question at the screen.",
-    "experimenter": "The participant answers this question, at their screen.",
+    "buttons": "The participant does not answer this question with the buttons.",
+    "experimenter": "The participant answers this question.",
 }
 """What is said of a choice that is another's."""
+
+BUTTONS = "the participant's buttons"
+"""Who asks for something with them, as it goes on record."""
+
+EARLY = "The participant pressed {} before the question, which does not count."
 
 NEXT = "── Task {step} ──"
 """The line between what was told of one task and what is told of the next."""
@@ -67,9 +73,9 @@ class LinkedConsole:
     """Implements `Console` and the link's `SessionEnd`."""
 
     def __init__(
-        self, view: View, *, answers: tuple[str, ...] = (), screen: bool = False, alone_s: float = ALONE_S
+        self, view: View, *, answers: Mapping[str, str] | None = None, screen: bool = False, alone_s: float = ALONE_S
     ) -> None:
-        """Begin with `view`, which does not change; `answers` are allowed in any trial."""
+        """Begin with `view`; `answers` are the participant's, in words by their keys, allowed in any trial."""
         self._view = view
         self._alone_s = alone_s
         self._changed = threading.Condition()
@@ -79,10 +85,12 @@ class LinkedConsole:
         self._asked = 0
         self._chosen: str | None = None
         self._chosen_at_ns = self._opened_ns = 0
+        self._deed: Deed | None = None
+        self._by: messages.By = "experimenter"
         self._picked: tuple[Deed, int, str] | None = None
         self._repeated: messages.Repeat | None = None
         self._consoles = 0
-        self._answers = answers
+        self._answers = answers or {}
         self._screen = self._awaits_screen = screen
         self._screens = 0
         self._prompts = [messages.Prompt()]
@@ -114,9 +122,17 @@ class LinkedConsole:
         return view.model_copy(update={"question": theirs})
 
     def _may(self, asked: Asked, who: messages.By) -> tuple[messages.Choice, ...]:
-        """Return what somebody may choose; without a screen the experimenter keys what the participant says."""
-        others = "experimenter" if who == "participant" else "participant" if self._screens else ""
-        return tuple(one for one in asked.choices if one.by != others)
+        """Return what somebody may choose; without a screen the experimenter keys what the participant says of the
+        masker, and never an answer that is the participant's own.
+        """
+        lends = who == "experimenter" and not self._screens
+        return tuple(
+            one
+            for one in asked.choices
+            if one.by == who
+            or (one.by == "either" and who != "buttons")
+            or (lends and one.by == "participant" and not one.answer)
+        )
 
     def _with_screen(self, gauges: messages.Gauges) -> messages.Gauges:
         if not (self._screen or self._screens):
@@ -166,15 +182,18 @@ class LinkedConsole:
             self._session.pause(self._failed)
 
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
+        return self._take(hello.by, deed, "experimenter" if hello.role == "console" else "participant")
+
+    def _take(self, by: str, deed: Deed, who: messages.By) -> tuple[bool, str] | Future[tuple[bool, str]]:
         try:
-            done = self._take_at_once(deed, "experimenter" if hello.role == "console" else "participant")
+            done = self._take_at_once(deed, who)
         except ValueError as error:
             done = False, UNWRITABLE.format(error)
-        recorded = self._recorder.submit(self._record, hello, deed, done)
+        recorded = self._recorder.submit(self._record, by, deed, done)
         # These alone count before they are on record.
         return done if done is not None and isinstance(deed, Pause | Stop) else recorded
 
-    def _record(self, hello: Hello, deed: Deed, done: tuple[bool, str] | None) -> tuple[bool, str]:
+    def _record(self, by: str, deed: Deed, done: tuple[bool, str] | None) -> tuple[bool, str]:
         """Do what only a disk that answers allows; return whether the deed was taken, and the reply."""
         session = self._session
         try:
@@ -186,11 +205,12 @@ class LinkedConsole:
         # What was typed and what was shown have entries of their own.
         if session is not None and not (taken and isinstance(deed, messages.Typed | messages.Shown)):
             # The words of a remark stand in its own entry.
-            own = {"do", "text", "reason", "done"} | ({"t_ns"} if isinstance(deed, Choose) else set())
+            timed = {"t_ns", "device_us", "error_s"} if isinstance(deed, Choose) else set()
+            own = {"do", "text", "reason", "done"} | timed
             facts = deed.model_dump(exclude=own, exclude_none=True)
             command = " ".join([deed.do, *map(str, facts.values())])
             try:
-                session.commanded(by=hello.by, command=command, taken=taken, words=words)
+                session.commanded(by=by, command=command, taken=taken, words=words)
             except PalpateError as error:
                 taken, words = False, error.sentence()
                 if isinstance(deed, Choose):
@@ -288,6 +308,7 @@ class LinkedConsole:
             if at_ns != deed.t_ns and deed.key not in messages.SAFE:
                 return False, "That key cannot have been pressed then."
             self._pick(deed, asked, deed.key, at_ns)
+            self._by = who
             return True, ""
 
     @property
@@ -297,6 +318,7 @@ class LinkedConsole:
 
     def _pick(self, deed: Deed, asked: Asked, key: str, at_ns: int) -> None:
         self._picked, self._chosen_at_ns = (deed, asked.number, key), at_ns
+        self._deed, self._by = deed, "experimenter"
 
     def _write(self, deed: messages.Write) -> tuple[bool, str]:
         text = characters.one_line(deed.text.strip()) if deed.text.strip() else ""
@@ -380,6 +402,20 @@ class LinkedConsole:
             case questions.Stopped():
                 self._pause(Pause(), questions.BY_PARTICIPANT)
                 self.wake()
+            case Pressed():
+                self._follow(event)
+
+    def _follow(self, press: Pressed) -> None:
+        """Have a press answer the question that was asked before it, if it may."""
+        t_ns = monotonic_ns() - press.ago_ns
+        with self._changed:
+            asked = self._view.question
+            early = asked is None or self._pressed or t_ns < self._opened_ns
+            number = 0 if early or asked is None else asked.number
+            deed = Choose(question=number, key=press.key, t_ns=t_ns, device_us=press.device_us, error_s=press.error_s)
+            self._take(BUTTONS, deed, press.by)
+        if early:
+            self.tell(Notice(EARLY.format(characters.quoted(press.key))))
 
     def ask(self, question: Question | Arm) -> Reply:
         match question:
@@ -521,7 +557,9 @@ class LinkedConsole:
             chosen = self._chosen or ""
         if question.kind == "write":
             return Reply(text=chosen)
-        return Reply(chosen, ago_ns=monotonic_ns() - self._chosen_at_ns)
+        reply = Reply(chosen, ago_ns=monotonic_ns() - self._chosen_at_ns, by=self._by)
+        made = self._deed
+        return replace(reply, device_us=made.device_us, error_s=made.error_s) if isinstance(made, Choose) else reply
 
     @contextmanager
     def _open(self, question: Question) -> Iterator[None]:

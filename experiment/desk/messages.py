@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from palpate.experiment.protocol.rules import SOFTER_KEY
+from palpate.experiment.protocol.rules import SOFTER_KEY, Mode
 
 LONGEST = 65_536
 """No message is longer, bytes."""
@@ -44,8 +44,8 @@ class Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-By = Literal["experimenter", "participant", "either"]
-"""Who may make a choice."""
+By = Literal["experimenter", "participant", "buttons", "either"]
+"""Who may make a choice: the participant at their screen, or with their `buttons`."""
 
 
 class Choice(Message):
@@ -171,14 +171,15 @@ class View(Message):
     once it is armed the participant `may` do this.
     `instruction` is the participant's: of the familiarization, then of the task until a first answer. `heard` is the
     microphone's proposal. `again` says why the step before did not count. `answers` are this task's, once asked for.
-    `masked`: headphones played a masker in this task. `pause_until_ns` ends a break or a familiarization, ns of the
-    system's clock.
+    `masked`: headphones played a masker in this task. `mode` is the protocol's of answers.
+    `pause_until_ns` ends a break or a familiarization, ns of the system's clock.
     """
 
     kind: Literal["view"] = "view"
     label: str = ""
     study: str = ""
     at_will: bool = False
+    mode: Mode = "oral"
     participant: str = ""
     step: str = ""
     steps: tuple[str, ...] = ()
@@ -213,10 +214,11 @@ class Prompt(Message):
     """What the participant's screen shows. Nothing in it depends on what is presented.
 
     `number` is unique to its look. `text` is the protocol's instruction, `again`: the step before did not count,
-    `unplayed`: nothing plays what a masker hides, `answers` are allowed in any trial. `keys` answer `question`. `pace`
-    is of the last step; `lamp` says too fast, None for no lamp. `second`: the second of two virtual surfaces is there,
-    None without. `hand_mm` is the hand's height above the block, None for no picture. `unmasked`: a masker has stopped.
-    A break lasts until `until_ns`, ns of the system's clock. `label` is PRACTICE or PILOT, empty in a study.
+    `unplayed`: nothing plays what a masker hides, `answers` are allowed in any trial, and given as `mode` says. `keys`
+    answer `question`: those of `answers` in their order where they are chosen here. `pace` is of the last step; `lamp`
+    says too fast, None for no lamp. `second`: the second of two virtual surfaces is there, None without. `hand_mm` is
+    the hand's height above the block, None for no picture. `unmasked`: a masker has stopped. A break lasts until
+    `until_ns`, ns of the system's clock. `label` is PRACTICE or PILOT, empty in a study.
     """
 
     kind: Literal["prompt"] = "prompt"
@@ -226,6 +228,7 @@ class Prompt(Message):
     again: bool = False
     unplayed: bool = False
     answers: tuple[str, ...] = ()
+    mode: Mode = "oral"
     question: int | None = None
     keys: tuple[str, ...] = ()
     pace: Pace | None = None
@@ -246,12 +249,18 @@ class Hello(Message):
 
 
 class Choose(Message):
-    """A key for the question with this number, pressed at `t_ns` of the system's monotonic clock."""
+    """A key for the question with this number, pressed at `t_ns` of the system's monotonic clock.
+
+    `device_us` is the time of the device that was pressed, and `error_s` the standard error of the press by it, s; None
+    where nobody knows.
+    """
 
     do: Literal["choose"] = "choose"
     question: int
     key: str
     t_ns: int = Field(default_factory=time.monotonic_ns)
+    device_us: int | None = None
+    error_s: Annotated[float, Field(ge=0)] | None = None
 
 
 class Write(Message):

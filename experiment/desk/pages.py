@@ -48,6 +48,12 @@ NO_BREAK_AFTER = "「『（【〔〈《([{"
 UNSPACED = (("\u2e80", "\u9fff"), ("\uac00", "\ud7af"), ("\uf900", "\ufaff"), ("\uff00", "\uffef"))
 """Letters between which a line may break."""
 
+OPTION_PX, LARGEST_OPTION_PX, MOST_ROWS = 72, 36, 6
+"""The height of an option's row, the largest letters in it, and how many rows there are before another column."""
+
+DIGITS = tuple("123456789")
+"""Keys of the first options, by their places."""
+
 HAND_MM, HAND_PX, BLOCK_PX = (-4.0, 20.0), 22, (360, 44)
 """How deep in the block and how high above it the hand is shown; its radius, and width and height of the block."""
 
@@ -62,13 +68,14 @@ REGULAR = ("NotoSansCJK-Regular", "NotoSans-Regular", "ipagp", "ipag", "DejaVuSa
 class Page:
     """One page: a text, a clock, keys with what they do, and the pace of the last step in its range.
 
-    `keys` pairs a key, or nothing, with a text. `paces` are words and whether each was the last, as for a lamp. With a
-    `block` the hand moves above it (`hand_px`).
+    `keys` pairs a key, or nothing, with a text. `options` are answers that can be chosen, each in a box (`boxes`).
+    `paces` are words and whether each was the last, as for a lamp. With a `block` the hand moves above it (`hand_px`).
     """
 
     text: str
     clock: str = ""
     keys: tuple[tuple[str, str], ...] = ()
+    options: tuple[str, ...] = ()
     paces: tuple[tuple[str, str, bool], ...] = ()
     label: str = ""
     block: bool = False
@@ -76,7 +83,8 @@ class Page:
     @property
     def letters(self) -> frozenset[str]:
         """Every letter that is drawn."""
-        said = (self.text, self.clock, self.label, *sum(self.keys, ()), *(words for _, words, _ in self.paces))
+        keys = (*sum(self.keys, ()), *self.options, "123456789" if self.options else "")
+        said = (self.text, self.clock, self.label, *keys, *(words for _, words, _ in self.paces))
         return frozenset("".join(said)) - frozenset(" \n")
 
 
@@ -94,10 +102,12 @@ def page(prompt: Prompt | None, settings: ScreenRig, now_ns: int) -> Page:
     lit = [(pace, said, pace == prompt.pace) for pace, said in paces]
     if prompt.lamp is not None:
         lit.append(("fast", words.fast, True) if prompt.lamp else ("right", words.right, False))
+    answering = prompt.question is not None and prompt.show in ("answer", "compare")
     return Page(
         text=characters.plain(text),
         clock=clock,
-        keys=tuple(_keys(prompt, settings)) if prompt.question is not None else (),
+        keys=tuple(_keys(prompt, settings)) if prompt.question is not None and not answering else (),
+        options=prompt.answers if answering else (),
         paces=tuple(lit),
         label=prompt.label,
         block=prompt.hand_mm is not None,
@@ -113,10 +123,50 @@ def hand_px(hand_mm: float, size_px: tuple[int, int]) -> tuple[float, float]:
 
 def chosen(prompt: Prompt | None, key: str, settings: ScreenRig) -> str | None:
     """Return what a key of the participant chooses of a prompt that is shown; None where it chooses nothing."""
+    if prompt is not None and prompt.show in ("answer", "compare"):
+        digit = key.removeprefix("num_")
+        return _option(prompt, int(digit) - 1 if digit in DIGITS else -1)
     keys = settings.keys or ScreenKeys()
     louder = HEARD_KEY if prompt is not None and HEARD_KEY in prompt.keys else LOUDER_KEY
     means = {keys.louder: louder, keys.softer: SOFTER_KEY, keys.probe: PROBE_KEY, keys.done: ENTER}.get(key)
     return means if prompt is not None and prompt.question is not None and means in prompt.keys else None
+
+
+def touched(prompt: Prompt | None, place_px: tuple[float, float], size_px: tuple[int, int]) -> str | None:
+    """Return what is chosen where the participant clicked, or touched, on a page of this size: x and y from its upper
+    left corner, pixels; None where nothing is.
+    """
+    if prompt is None or prompt.show not in ("answer", "compare"):
+        return None
+    x, y = place_px
+    placed = enumerate(boxes(len(prompt.answers), size_px))
+    return _option(prompt, next((n for n, (x0, y0, x1, y1) in placed if x0 <= x <= x1 and y0 <= y <= y1), -1))
+
+
+def _option(prompt: Prompt, place: int) -> str | None:
+    return prompt.keys[place] if prompt.question is not None and 0 <= place < len(prompt.keys) else None
+
+
+def boxes(count: int, size_px: tuple[int, int]) -> list[tuple[float, float, float, float]]:
+    """Return where so many options are on a page of this size: x and y of upper left and lower right corner, pixels.
+
+    They fill rows from the page's end, above the lamp of the pace.
+    """
+    width, height = size_px
+    unit = min(width / DESIGN_PX[0], height / DESIGN_PX[1])
+    columns = 1 if count <= MOST_ROWS else 2 if count <= 2 * MOST_ROWS else 3
+    rows = -(-count // columns)
+    wide = min(1060 * unit, width - 80 * unit)
+    each, top = wide / columns, height - (150 + OPTION_PX * rows) * unit
+    return [
+        (
+            (left := (width - wide) / 2 + each * (n // rows)) + 8 * unit,
+            (upper := top + OPTION_PX * unit * (n % rows)) + 6 * unit,
+            left + each - 8 * unit,
+            upper + (OPTION_PX - 6) * unit,
+        )
+        for n in range(count)
+    ]
 
 
 def _text(prompt: Prompt, words: ScreenWords) -> str:
@@ -132,12 +182,8 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
             return f"{prompt.text}\n\n{words.again if prompt.again else words.ready}".strip()
         case "coming":
             return f"{prompt.text}\n\n{words.coming}".strip()
-        case "answer":
-            return "\n".join((words.answer, *prompt.answers))
-        case "compare":
-            there = "" if prompt.second is None else words.second if prompt.second else words.first
-            said = "\n".join((words.compare, *prompt.answers))
-            return "\n\n".join(filter(None, (prompt.text, said, there)))
+        case "answer" | "compare":
+            return _asks(prompt, words)
         case "break":
             return words.pause
         case "finished":
@@ -146,6 +192,21 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
             return f"{words.thanks}\n\n{words.headphones}" if prompt.unmasked else words.thanks
         case "wait":
             return f"{prompt.text}\n\n{words.wait}".strip()
+
+
+def _asks(prompt: Prompt, words: ScreenWords) -> str:
+    """Return what asks for the answer, with the answers where they stand in no box."""
+    answers = prompt.answers if prompt.mode != "screen" else ()
+    if prompt.mode == "oral":
+        asks = words.compare if prompt.show == "compare" else words.answer
+    else:
+        asks = words.press if prompt.mode == "keys" else words.choose if prompt.question is not None else ""
+        asks = f"{words.feel} {asks}".strip() if prompt.show == "compare" else asks
+    said = "\n".join((asks, *answers))
+    if prompt.show == "answer":
+        return said
+    there = "" if prompt.second is None else words.second if prompt.second else words.first
+    return "\n\n".join(filter(None, (prompt.text, said, there)))
 
 
 def _keys(prompt: Prompt, settings: ScreenRig) -> Iterator[tuple[str, str]]:
@@ -184,6 +245,10 @@ def drawn(page: Page, size_px: tuple[int, int], font: Path) -> Image:
         bottom = face - (9 * HAND_MM[1] + 2 * HAND_PX + 10) * unit
     if page.paces:
         _draw_paces(draw, page, width / 2, height - 110 * unit, unit, font)
+    if page.options:
+        placed = boxes(len(page.options), size_px)
+        _draw_options(draw, page.options, placed, unit, font)
+        bottom = min(bottom, placed[0][1] - 20 * unit)
     keys_px = 84 * unit * len(page.keys) + (30 * unit if page.keys else 0)
     clock_px = 190 * unit if page.clock else 0.0
     room = (min(1060 * unit, width - 80 * unit), bottom - 70 * unit - keys_px - clock_px)
@@ -235,6 +300,24 @@ def _draw_keys(draw: ImageDraw, page: Page, centre: float, top: float, unit: flo
             draw.rounded_rectangle(box, 10 * unit, CAP, OUTLINE, max(1, round(2 * unit)))
             draw.text((left + cap_px / 2, middle), cap, TEXT, letters, anchor="mm")
         draw.text((left + cap_px + 28 * unit, middle), said, TEXT if cap else MUTED, letters, anchor="lm")
+
+
+def _draw_options(
+    draw: ImageDraw,
+    options: tuple[str, ...],
+    placed: list[tuple[float, float, float, float]],
+    unit: float,
+    font: Path,
+) -> None:
+    for number, (said, box) in enumerate(zip(options, placed, strict=True), start=1):
+        draw.rounded_rectangle(box, 10 * unit, CAP, OUTLINE, max(1, round(2 * unit)))
+        middle, left = (box[1] + box[3]) / 2, box[0] + 24 * unit
+        if str(number) in DIGITS:
+            draw.text((left, middle), str(number), MUTED, _letters(font, 32 * unit), anchor="lm")
+        room = box[2] - left - 64 * unit
+        fits = (px for px in SIZES_PX if px <= LARGEST_OPTION_PX and _letters(font, px * unit).getlength(said) <= room)
+        letters = _letters(font, next(fits, SIZES_PX[-1]) * unit)
+        draw.text((left + 48 * unit, middle), said, TEXT, letters, anchor="lm")
 
 
 def _draw_paces(draw: ImageDraw, page: Page, centre: float, middle: float, unit: float, font: Path) -> None:

@@ -1,10 +1,11 @@
 """What the participant's screen shows of a view: nothing that is presented or laid out passes.
 
-It reads only the state, whether samples are compared or the step is the debriefing, the question's kind and keys, the
-instruction, the last step's pace and whether it counted, whether the hand is too fast, its height and place, whether a
-masker was played, the end of a break, a fault at the end, and the label of a practice.
+It reads only the state, how answers are given, whether samples are compared or the step is the debriefing, the
+question's kind and keys, the instruction, the last step's pace and whether it counted, whether the hand is too fast,
+its height and place, whether a masker was played, the end of a break, a fault at the end, and the label of a practice.
 """
 
+from collections.abc import Mapping
 from typing import get_args
 
 from palpate.experiment.desk.messages import ENTER, Asked, Label, Prompt, Show, View
@@ -46,23 +47,29 @@ IN_STATE: dict[str, Show] = {
 """What is shown in this state while nothing is asked; in any other the participant waits."""
 
 
-def shown_answers(protocol: Protocol) -> tuple[str, ...]:
-    """Return the answers that a protocol shows the participant at their screen, in every trial; none unless it does."""
-    if not protocol.answers.on_screen:
-        return ()
-    return design_of(protocol.tasks[0].design).shown(protocol)
+def shown_answers(protocol: Protocol) -> dict[str, str]:
+    """Return the answers that a protocol shows the participant at their screen, in every trial, in words by their keys;
+    none unless it does, or has them given there.
+    """
+    if not protocol.answers.on_screen and protocol.answers.mode != "screen":
+        return {}
+    design = design_of(protocol.tasks[0].design)
+    return dict(zip(design.answers(protocol, ()), design.shown(protocol), strict=True))
 
 
-def prompt(view: View, answers: tuple[str, ...]) -> Prompt:
-    """Return what the participant's screen shows, with the number 0; `answers` are allowed in any trial."""
+def prompt(view: View, answers: Mapping[str, str]) -> Prompt:
+    """Return what the participant's screen shows, with the number 0; `answers`, in words by their keys, are allowed in
+    any trial.
+    """
     asked, gauges, show = view.question, view.gauges, _show(view)
-    number, keys = _offered(asked)
+    number, keys = _offered(asked, answers)
     return Prompt(
         show=show,
         text=view.instruction if show in ("wait", "instructions", "ready", "coming", "compare") else "",
         again=bool(view.again) and show == "ready",
         unplayed=show == "masker" and asked is not None and PROBE_KEY not in {one.key for one in asked.choices},
-        answers=answers if show in ("answer", "compare") else (),
+        answers=tuple(answers.values()) if show in ("answer", "compare") else (),
+        mode=view.mode,
         question=number,
         keys=keys,
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
@@ -87,13 +94,18 @@ def _show(view: View) -> Show:
         return "coming"
     if show == "answer" and view.at_will:
         return "compare"
+    if show == "answer" and view.mode != "oral" and (asked is None or asked.kind != "answer"):
+        # Whoever presses is asked first.
+        return "wait"
     return "finished" if show == "wait" and view.step == DEBRIEFING else show
 
 
-def _offered(asked: Asked | None) -> tuple[int | None, tuple[str, ...]]:
-    """Return the number and the keys of a question that the participant may answer; none of any other."""
-    offered = {choice.key for choice in asked.choices if choice.by != "experimenter"} if asked is not None else set()
-    if HEARD_KEY in offered:
+def _offered(asked: Asked | None, answers: Mapping[str, str]) -> tuple[int | None, tuple[str, ...]]:
+    """Return the number and the keys of a question that the participant may answer here; none of any other."""
+    theirs = ("participant", "either")
+    offered = {choice.key for choice in asked.choices if choice.by in theirs} if asked is not None else set()
+    answering = asked is not None and asked.kind == "answer"
+    if HEARD_KEY in offered and not answering:
         offered.discard(LOUDER_KEY)
-    keys = tuple(key for key in KEYS if key in offered)
+    keys = tuple(key for key in (answers if answering else KEYS) if key in offered)
     return asked.number if asked is not None and keys else None, keys

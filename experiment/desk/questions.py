@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol
 from palpate.experiment.clock import minutes
 from palpate.experiment.desk import messages
 from palpate.experiment.desk.messages import ENTER, ESCAPE, By, Choice, Kind
-from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
+from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY, Mode
 
 YES, NO = "y", "n"
 """The keys that say whether something is so: not Enter, which most questions take, and which ends a pasted command."""
@@ -225,6 +225,10 @@ class Place:
         return f"Trial {self.trial}. Lay out {self.objects}."
 
 
+ANSWERED_BY: Mapping[Mode, By] = {"oral": "experimenter", "keys": "buttons", "screen": "participant"}
+"""Who chooses an answer, by how a protocol has participants answer."""
+
+
 @dataclass(frozen=True)
 class Play:
     """Whether what a trial presents begins now, which is `by` one person alone."""
@@ -244,18 +248,26 @@ class Play:
 
 @dataclass(frozen=True)
 class TrialAnswer:
-    """What the participant said: a key of `answers`, or `none` for no answer; `others` do something else."""
+    """What the participant said: a key of `answers`, or `none` for no answer; `others` do something else.
+
+    It is answered `by` the participant alone where they have keys of their own.
+    """
 
     kind: ClassVar[Kind] = "answer"
-    text = "What did the participant say?"
     trial: int
     answers: Mapping[str, str]
     none: str
     others: Mapping[str, str]
+    by: By = "experimenter"
+
+    @property
+    def text(self) -> str:
+        where = {"participant": "at their screen", "buttons": "with their buttons"}.get(self.by)
+        return f"The participant answers {where}." if where else "What did the participant say?"
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        return (*keyed(self.answers, answer=True), *keyed({self.none: NO_ANSWER, **self.others}))
+        return (*keyed(self.answers, answer=True, by=self.by), *keyed({self.none: NO_ANSWER, **self.others}))
 
 
 @dataclass(frozen=True)
@@ -314,7 +326,9 @@ class Arm:
 class Reply:
     """What answers a question: its `key`, a line of `text`, or a `remark`.
 
-    The key was pressed `ago_ns` ago: it may have gone on record since. `waited`: somebody had to be waited for.
+    The key was pressed `ago_ns` ago, `by` whom: it may have gone on record since. `waited`: somebody had to be waited
+    for. `device_us` is the time of the device that was pressed, and `error_s` the standard error of the press by it, s;
+    None where nobody knows.
     """
 
     key: str = ""
@@ -322,6 +336,9 @@ class Reply:
     remark: Remark | None = None
     ago_ns: int = 0
     waited: bool = False
+    by: By = "experimenter"
+    device_us: int | None = None
+    error_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -385,7 +402,18 @@ class Stopped:
     """That the participant stopped everything with the pedal."""
 
 
-Event = Notice | At | Instructed | Silent | Played | Proposed | Answered | Stopped
+@dataclass(frozen=True)
+class Pressed:
+    """That the participant pressed `key`, with their buttons or, where simulated, at their screen; as in `Reply`."""
+
+    key: str
+    ago_ns: int = 0
+    device_us: int | None = None
+    error_s: float | None = None
+    by: By = "buttons"
+
+
+Event = Notice | At | Instructed | Silent | Played | Proposed | Answered | Stopped | Pressed
 
 
 class Attended(Protocol):

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
+from math import sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
 BY = "the participant's screen"
 """Who asks for something here, as it goes on record."""
 
-POLL_S, AGAIN_S = 0.02, 0.5
-"""How often keys and prompts are looked for, s, and a session where there was none."""
+POLL_S, ANSWER_S, AGAIN_S = 0.02, 0.002, 0.5
+"""How often keys and prompts are looked for, s, keys while an answer is chosen, and a session where there was none."""
 
 REDRAW_NS, FAREWELL_NS = 1_000_000_000, 60_000_000_000
 """How often a page is drawn anew, ns, in case something covered it, and how long it stays without a session."""
@@ -122,7 +123,9 @@ class Window:
             )
         except Exception as error:
             raise _no_display(error) from error
-        self._window.mouseVisible = False
+        self._clicks: list[tuple[float, float]] = []
+        self._window.winHandle.push_handlers(on_mouse_press=self._click)
+        self.offer(mouse=False)
         _press_once(self._window.winHandle)
         # The backend `event` hears this window alone; the others hear what the experimenter types elsewhere as well.
         self._keyboard = keyboard.Keyboard(backend="event")
@@ -159,6 +162,20 @@ class Window:
         pressed = self._keyboard.getKeys(waitRelease=False)
         # With this backend some versions of PsychoPy put the time beside the name.
         return [str(key.name if isinstance(key.name, str) else key.name[0]) for key in pressed]
+
+    def clicked(self) -> list[tuple[float, float]]:
+        """Return where the mouse was pressed, or the screen touched, up to the last `pressed`, oldest first: x and y
+        from the upper left corner, pixels.
+        """
+        clicks, self._clicks = self._clicks, []
+        return clicks
+
+    def offer(self, *, mouse: bool) -> None:
+        """Show the mouse's pointer, or hide it."""
+        self._window.mouseVisible = mouse
+
+    def _click(self, x: int, y: int, *_: int) -> None:
+        self._clicks.append((x, self.size_px[1] - y))
 
     def close(self) -> None:
         """Close it."""
@@ -241,24 +258,34 @@ class Screen:
 
     def run(self) -> None:
         """Show page after page. Raises `LinkError` for a session of another version, and `DisplayError`."""
+        looked_ns = monotonic_ns()
         while not self.window.closed:
             heard = self.feed.heard()
-            for key in self._pressed(heard):
-                choice = pages.chosen(self._prompt, key, self.settings)
-                if heard.line is not None and choice is not None and self._prompt is not None:
-                    _send(heard.line, Choose(question=self._prompt.question or 0, key=choice))
+            keys, clicks = self._pressed(heard)
+            before_ns, looked_ns = looked_ns, monotonic_ns()
+            chosen = [pages.chosen(self._prompt, key, self.settings) for key in keys]
+            chosen += [pages.touched(self._prompt, place, self.window.size_px) for place in clicks]
+            for choice in filter(None, chosen):
+                if heard.line is not None and self._prompt is not None:
+                    # Between two looks at the keys each moment is as likely.
+                    error_s = (looked_ns - before_ns) / 1e9 / sqrt(12)
+                    number = self._prompt.question or 0
+                    _send(heard.line, Choose(question=number, key=choice, t_ns=looked_ns, error_s=error_s))
             self._show(heard)
             self._tell(heard)
             if self._session_over(heard):
                 return
-            time.sleep(POLL_S)
+            answering = self._page is not None and self._page.options
+            time.sleep(ANSWER_S if answering else POLL_S)
 
-    def _pressed(self, heard: Heard) -> list[str]:
-        """Return the keys that were pressed; the one that stops everything counts at once, whatever is shown."""
+    def _pressed(self, heard: Heard) -> tuple[list[str], list[tuple[float, float]]]:
+        """Return the keys that were pressed, and clicks; the key that stops everything counts at once, whatever is
+        shown.
+        """
         keys = self.window.pressed()
         if heard.line is not None and self.settings.stop in keys:
             _send(heard.line, Pause())
-        return keys
+        return keys, self.window.clicked()
 
     def _show(self, heard: Heard) -> None:
         prompt = heard.prompt
@@ -272,6 +299,7 @@ class Screen:
             (page, heard, drawn), self._drawing = self._drawing, None
             prompt = heard.prompt
             self.window.put(drawn.result())
+            self.window.offer(mouse=bool(page.options))
             self._since_ns = self._drawn_ns = self.window.show(hand_mm)
             # What was pressed before the page was seen answers nothing on it.
             self._pressed(heard)

@@ -338,7 +338,8 @@ class Answers(Confined):
     """How answers are given.
 
     Attributes:
-        mode: spoken, and keyed by the experimenter.
+        mode: spoken, and keyed by the experimenter; or given by the participant, with buttons named as the answers'
+            keys, or at the screen.
         on_screen: the participant's screen shows the materials.
         no_answer_key: no answer.
         redo_key: repeat the trial at the end of its block.
@@ -346,7 +347,7 @@ class Answers(Confined):
         microphone: a microphone times the voice and proposes the answer; the experimenter's key decides.
     """
 
-    mode: Literal["oral"]
+    mode: rules.Mode = "oral"
     on_screen: bool = False
     no_answer_key: Key
     redo_key: Key

@@ -9,6 +9,7 @@ from datetime import date
 from importlib import import_module
 from itertools import pairwise
 from math import comb
+from typing import Literal
 
 from palpate.experiment.protocol import designs, kinds
 from palpate.experiment.protocol.designs import PlannableTest, design_of
@@ -22,6 +23,12 @@ MAX_COUNTERBALANCED = 6
 
 LOUDER_KEY, SOFTER_KEY, PROBE_KEY, HEARD_KEY = "+", "-", "p", "h"
 """Keys of the masker's level."""
+
+Mode = Literal["oral", "keys", "screen"]
+"""How participants answer: they say it, have buttons of their own, or choose it at their screen."""
+
+OWN_ANSWERS = 7
+"""Participants answer themselves in protocols from this format on."""
 
 MAX_COUNTED = 400
 """Trials of a task whose orders are counted exactly: up to here that takes seconds."""
@@ -145,11 +152,11 @@ def protocol(table: Table) -> Iterator[Broken]:
     whatever its case, blanks and alphabet (names and phrases: nor by accents, 1 or I for l, or 0 for O), and no phrase
     like another material's id.
 
-    `consent.voice_recordings` needs `answers.microphone`. `+` and `-` set the masker only. The largest task has as many
-    participants as the study. Tests name tasks of the protocol, which present the materials they compare.
-    Familiarisation is shorter than `exposure.session_min`. `max-run` orders have no more than 400 trials.
-    `answers-below` is at most the trials of the shortest task, and `speed-above` greater than `speed-below`.
-    At most 6 tasks are counterbalanced.
+    `consent.voice_recordings` needs `answers.microphone`, which needs the mode `oral`, the only one before format 7.
+    `+` and `-` set the masker only. The largest task has as many participants as the study. Tests name tasks of the
+    protocol, which present the materials they compare. Familiarisation is shorter than `exposure.session_min`.
+    `max-run` orders have no more than 400 trials. `answers-below` is at most the trials of the shortest task, and
+    `speed-above` greater than `speed-below`. At most 6 tasks are counterbalanced.
 
     `materials` of a task are some of the protocol's, once, in their order; with one, its order is not `max-run`. A task
     with `levels` is `virtual` and `blocked-random`, without a rule `answers-below`.
@@ -163,6 +170,7 @@ def protocol(table: Table) -> Iterator[Broken]:
     yield from _spoken(table)
     if table_at(table, "consent").get("voice_recordings") is True and not table_at(table, "answers").get("microphone"):
         yield Broken(("answers", "microphone"), "true: consent.voice_recordings keeps what it hears")
+    yield from _answers(table)
     yield from _participants(table)
     yield from _presented(table)
     yield from _task_limits(table)
@@ -232,6 +240,15 @@ def _tests(table: Table, design: str) -> Iterator[Broken]:
                 yield Broken(("analysis", i, key), f"no '{name}' with it before format {since}")
         if name not in own:
             yield Broken(("analysis", i, "test"), f"one of: {', '.join(own)}, with tasks of the design '{design}'")
+
+
+def _answers(table: Table) -> Iterator[Broken]:
+    answers = table_at(table, "answers")
+    if answers.get("mode") in ("keys", "screen"):
+        if (number_at(table, "format") or OWN_ANSWERS) < OWN_ANSWERS:
+            yield Broken(("answers", "mode"), f"oral, before format {OWN_ANSWERS}")
+        if answers.get("microphone") is True:
+            yield Broken(("answers", "microphone"), "false: nobody says an answer")
 
 
 def _keys(table: Table) -> Iterator[Broken]:

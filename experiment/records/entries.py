@@ -210,9 +210,11 @@ class Armed(OfAttempt):
 
 
 class Answer(OfAttempt):
-    """A confirmed answer, None where the participant gave none.
+    """A confirmed answer, None where the participant gave none; one `by` the participant is not confirmed.
 
     `response_time_s` is from when it could be given to the choice of its key, `confirmed_s` to the confirmation.
+    `pressed_ns` is the session time of the participant's press, `device_us` that of their buttons' clock, and `error_s`
+    the standard error of that press by its device, s; None where nobody knows.
     """
 
     kind: Literal["answer"] = "answer"
@@ -220,7 +222,11 @@ class Answer(OfAttempt):
     answered: str | None
     key: str
     response_time_s: float
-    confirmed_s: float
+    confirmed_s: float | None = None
+    by: Literal["experimenter", "participant"] = "experimenter"
+    pressed_ns: int | None = None
+    device_us: int | None = None
+    error_s: float | None = None
 
 
 class Spoken(OfAttempt):

@@ -97,7 +97,8 @@ def _entry_text(line: Line | Unreadable, task_kind: str) -> str:
             return f"{entry.label}: {' and '.join(entry.presented)}, armed"
         case entries.Answer():
             answer = f"answered {entry.answered}" if entry.answered else "no answer was given"
-            return f"{entry.label}: {answer} after {entry.response_time_s:.2f} s"
+            pressed = ", by the participant's own press" if entry.by == "participant" else ""
+            return f"{entry.label}: {answer} after {entry.response_time_s:.2f} s{pressed}"
         case entries.Spoken():
             return f"{entry.label}: {_heard(entry)}"
         case entries.Correction():

@@ -2,20 +2,27 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from queue import SimpleQueue
+from threading import Timer
 
 import numpy as np
 
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk import questions
-from palpate.experiment.desk.questions import Arm, Attended, Console, Event, Level, Notice, Question, Reply
+from palpate.experiment.desk.messages import By
+from palpate.experiment.desk.questions import Arm, Attended, Console, Event, Level, Notice, Pressed, Question, Reply
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY
+from palpate.experiment.rehearsal.wires.serial_line import SimulatedButtons
 
 Tick = Callable[[], None]
 """Called after each confirmed answer."""
 
 MASKED_DB_A = 60.0
 """Level from which on a simulated participant no longer hears what the masker is to hide."""
+
+PRESSES_S, PRESSED_S = 0.6, 10.0
+"""A simulated participant presses so long after the question, s; the press has come through its port within so long."""
 
 LISTENS_NS = 600_000_000
 """A simulated participant listens to each level for so long, ns."""
@@ -26,7 +33,8 @@ class SimulatedPerson(Console):
     """Implements `Console`, but for what a kind of trial asks of a participant: `says`.
 
     `who` are the ids of participant and task, `entropy` names the random draws. Thinking and speaking take `clock`'s
-    time. `tick` follows each confirmed answer; `screen` shows what the experimenter would see.
+    time. `tick` follows each confirmed answer; `screen` shows what the experimenter would see. `box` are the
+    participant's buttons, if any.
     """
 
     protocol: Protocol
@@ -35,10 +43,12 @@ class SimulatedPerson(Console):
     clock: Clock
     tick: Tick
     screen: Console | None
+    box: SimulatedButtons | None = None
 
     def __post_init__(self) -> None:
         self._probed = False
         self._session: Attended | None = None
+        self._presses: SimpleQueue[Pressed] = SimpleQueue()
 
     def attend(self, session: Attended | None) -> None:
         self._session = session
@@ -70,6 +80,8 @@ class SimulatedPerson(Console):
                     self.screen.tell(event)
             case questions.Stopped():
                 self.show(questions.STOPPED)
+            case Pressed():
+                self._presses.put(event)
 
     def ask(self, question: Question | Arm) -> Reply:
         match question:
@@ -89,12 +101,20 @@ class SimulatedPerson(Console):
             case questions.Place(trial=trial, objects=objects):
                 self.show(f"Trial {trial}: {objects} laid out")
             case questions.TrialAnswer(trial=trial):
-                return Reply(self.says(trial)[0])
+                return self._answer(question, self.says(trial)[0])
             case questions.Say():
                 return Reply(questions.WITHOUT)
             case questions.GoOn():
                 return Reply(questions.STOP)
         return Reply(question.choices[0].key if question.choices else "")
+
+    def _answer(self, question: questions.TrialAnswer, key: str) -> Reply:
+        """Return the reply with this key, which speaks through the port of the participant's buttons, if any."""
+        if key not in question.answers or self.box is None:
+            return Reply(key, by=question.by if key in question.answers else "experimenter")
+        self.box.press(key)
+        press = self._presses.get(timeout=PRESSED_S)
+        return Reply(press.key, ago_ns=press.ago_ns, by=press.by, device_us=press.device_us, error_s=press.error_s)
 
     def wishes(self, question: Level) -> str:
         """Return the key that is wished for at a level of the masker."""
@@ -153,9 +173,23 @@ class Practised:
         theirs = isinstance(question, Arm | questions.Place | questions.Rest | questions.Say)
         return self.participant.ask(question) if theirs and reply.key != questions.WITHOUT else reply
 
+    def _press(self, key: str, by: By) -> None:
+        if self.participant.box is not None:
+            self.participant.box.press(key)
+        else:
+            self.desk.tell(Pressed(key, by=by))
+
     def _ask(self, question: questions.TrialAnswer) -> Reply:
         if not self._said:
             self._wished, self._said = self.participant.says(question.trial)
+        if question.by != "experimenter" and self._wished in question.answers:
+            # Nobody says an answer: it is pressed, once it is asked for.
+            pressing = Timer(PRESSES_S, self._press, (self._wished, question.by))
+            pressing.start()
+            try:
+                return self.desk.ask(question)
+            finally:
+                pressing.cancel()
         self._propose()
         reply = self.desk.ask(question)
         if reply.key == self._wished and reply.key in question.others:

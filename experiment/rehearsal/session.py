@@ -35,7 +35,7 @@ from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind, stepping
 from palpate.experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
-from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedButtons, SimulatedPedal
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import runner, scene
 from palpate.experiment.session.kind import Sitting, Stimuli
@@ -166,6 +166,7 @@ class SimulatedEnds:
         self._panel: Panel | CardPanel | None = None
         self._speaker: Speaker | None = None
         self._foot: Foot | None = None
+        self._box: SimulatedButtons | None = None
         self._powered_ns = 0
 
     def sound_device(self, opened: ExitStack) -> str:
@@ -224,11 +225,19 @@ class SimulatedEnds:
     def pedal(self, opened: ExitStack) -> str | None:
         return opened.enter_context(SimulatedPedal()).url if self.rig.pedal is not None else None
 
+    def buttons(self, opened: ExitStack) -> tuple[str | None, ClockMap | None]:
+        if self.protocol.answers.mode != "keys":
+            return None, None
+        self._box = opened.enter_context(SimulatedButtons(self.clock, beats=self.real_time))
+        known = None if self.real_time else ClockMap(anchor_us=0, anchor_ns=self._box.powered_ns)
+        return self._box.url, known
+
     def check(self, tracker: Tracker, rig: rigs.Rig) -> None:
         """Check nothing: in simulated time the foot sends no frame before its first step."""
 
     def console(self) -> Console:
         person = self._person()
+        person.box = self._box
         return person if self.desk is None else Practised(desk=self.desk, participant=person)
 
     def _person(self) -> SimulatedPerson:
@@ -290,7 +299,9 @@ def simulated_far_ends(rig: rigs.Rig, opened: ExitStack) -> SimulatedPorts:
 
         force = opened.enter_context(ForceDeviceProcess()).address
     pedal = opened.enter_context(SimulatedPedal()).url if rig.pedal is not None else None
-    ends = SimulatedPorts(port=port, address=address, force=force, pedal=pedal)
+    box = SimulatedButtons(MonotonicClock(), beats=True) if rig.buttons is not None else None
+    buttons = opened.enter_context(box).url if box is not None else None
+    ends = SimulatedPorts(port=port, address=address, force=force, pedal=pedal, buttons=buttons)
     if rig.audio is None:
         return ends
     card, heard = opened.enter_context(WiredCard(rig)), rig.audio.channels.microphone is not None

@@ -26,6 +26,7 @@ from palpate.experiment.records.entries import Footer
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.kind import rehearsal_kind
 from palpate.experiment.rehearsal.session import PANEL_FILE, Job, rehearse_at_once, rehearse_participant, run_task
+from palpate.experiment.session import answering
 from palpate.experiment.session.remarks import paused
 from palpate.experiment.session.visit import visit_steps, walk
 from palpate.experiment.study.schedule import allocate, find_allocation
@@ -225,6 +226,7 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     rig = rigs.load(rig_file)
     if not rig.rig.simulated:
         raise DatasetError(rig_file, "is a real rig", "give such a rig file", allowed="one that says simulated = true")
+    answering.check(protocol, rig)
     for task in protocol.tasks:
         rehearsal_kind(task).lacks_nothing(rig, protocol)
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)

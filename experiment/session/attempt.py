@@ -10,11 +10,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.experiment.apparatus.ports import Masker, Pedal
+from palpate.experiment.apparatus.ports import Buttons, Masker, Pedal
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk import interrupts, questions
 from palpate.experiment.desk.messages import ENTER, Repeat
-from palpate.experiment.desk.questions import Answered, Confirm, Console, Debrief, Notice, Remark, TrialAnswer
+from palpate.experiment.desk.questions import Answered, Confirm, Console, Debrief, Notice, Remark, Reply, TrialAnswer
 from palpate.experiment.errors import JournalError, SessionError, TrackerStopped, cause
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Answer, Armed, PlannedTrial, Redo
@@ -96,7 +96,7 @@ class Devices:
 
     `kind` are the devices of the task's kind of trial. A session waits `reconnect_s` for a device that fell silent,
     then pauses. `priority` is that of its threads in words, and is empty in simulated time. `listening` hears answers;
-    None where nobody listens. `pedal` is the participant's, if any.
+    None where nobody listens. `pedal` is the participant's, if any, and so are `buttons`.
     """
 
     kind: KindDevices
@@ -108,6 +108,7 @@ class Devices:
     priority: str = ""
     listening: Listening | None = None
     pedal: Pedal | None = None
+    buttons: Buttons | None = None
 
 
 @dataclass(kw_only=True, eq=False)
@@ -210,7 +211,9 @@ class Attempts:
             **(questions.MASKER if self.masking is not None else {}),
         }
         words = {key: one.words for key, one in answers.items()}
-        key, chosen_ns = self._chosen(TrialAnswer(planned.trial, words, spoken.no_answer_key, others))
+        by = questions.ANSWERED_BY[spoken.mode]
+        reply, chosen_ns = self._chosen(TrialAnswer(planned.trial, words, spoken.no_answer_key, others, by))
+        key = reply.remark if isinstance(reply.remark, Repeat) else reply.key
         if reason := self.kind.rest():
             return self._put_off(planned, attempt, reason)
         if isinstance(key, Repeat):
@@ -223,6 +226,7 @@ class Attempts:
             return Event.PAUSE
         self._answered_ns = self.devices.clock.now_ns()
         answered = None if key == spoken.no_answer_key else answers[key].answer
+        theirs = reply.by != "experimenter"
         self.log.write(
             Answer(
                 trial=planned.trial,
@@ -231,7 +235,11 @@ class Attempts:
                 answered=answered,
                 key=key,
                 response_time_s=(chosen_ns - answerable_ns) / 1e9,
-                confirmed_s=(self._answered_ns - answerable_ns) / 1e9,
+                confirmed_s=None if theirs else (self._answered_ns - answerable_ns) / 1e9,
+                by="participant" if theirs else "experimenter",
+                pressed_ns=chosen_ns if theirs else None,
+                device_us=reply.device_us,
+                error_s=reply.error_s,
             )
         )
         if self.ear is not None:
@@ -247,10 +255,9 @@ class Attempts:
         _, words = self.remarks.take(remark)
         self.devices.console.tell(Notice(words))
 
-    def _chosen(self, question: TrialAnswer) -> tuple[str | Repeat, int]:
-        """Return the key that was chosen and confirmed, and the session time of the choice, ns.
-
-        Without one, return that the trial is repeated.
+    def _chosen(self, question: TrialAnswer) -> tuple[Reply, int]:
+        """Return the reply whose key was chosen and, unless by the participant, confirmed, or that has the trial
+        repeated; and the session time of the choice, ns.
         """
         meanings = {one.key: one.words for one in question.choices}
         while True:
@@ -259,15 +266,17 @@ class Attempts:
             chosen_ns = self.devices.clock.now_ns() - (0 if self.devices.clock.simulated else reply.ago_ns)
             self.remarks.note_ignored()
             if isinstance(reply.remark, Repeat) and reply.remark.trial == question.trial:
-                return reply.remark, chosen_ns
+                return reply, chosen_ns
             if reply.remark is not None:
                 self._take(reply.remark)
             elif reply.key in further:
                 self.kind.press(reply.key)
             elif reply.key in question.answers and (lacking := self.kind.lacking()):
                 self.devices.console.tell(Notice(f"{lacking} No answer is taken before."))
+            elif reply.by != "experimenter":
+                return reply, chosen_ns
             elif self.masking is None or not self.masking.change(reply.key):
                 confirmed = self.devices.console.ask(Confirm(reply.key, meanings[reply.key])).key == ENTER
                 self.remarks.note_ignored()
                 if confirmed:
-                    return reply.key, chosen_ns
+                    return reply, chosen_ns

@@ -61,7 +61,8 @@ WINDOW_NS = 24 * 3600 * 10**9
 class Exposed:
     """Implements `Limits` for one runner of a session; nothing is watched before it begins.
 
-    From the session time `ends_ns` on, ns, nothing may be felt, and `ended` says why. `pressed` is as `Pedal` has it.
+    From the session time `ends_ns` on, ns, nothing may be felt, and `ended` says why. `pressed` is as `Pedal` has it,
+    and `answered` has the participant's buttons answer.
     """
 
     ends_ns: int
@@ -72,6 +73,7 @@ class Exposed:
     log: Log
     stream: AudioStream | None = None
     pressed: Callable[[], bool] | None = None
+    answered: Callable[[], None] | None = None
 
     def __post_init__(self) -> None:
         self._kind: Kind | None = None
@@ -89,6 +91,8 @@ class Exposed:
     def begin(self, kind: Kind) -> None:
         """Watch trials from now on; the journal has its header, or the entry that it was resumed."""
         self._kind = kind
+        if self.answered is not None:
+            self._opened.callback(self._start("buttons", self._heed, self.answered).join)
         if self.clock.simulated:
             return
         self.record()
@@ -248,6 +252,11 @@ class Exposed:
                 self._stopped = True
                 self._opened.callback(self._start("lines", self.console.tell, Stopped()).join, 1.0)
                 return
+
+    def _heed(self, answered: Callable[[], None]) -> None:
+        """Have the participant's buttons answer until the end; buttons that fail are a part that failed."""
+        while not self._closing:
+            answered()
 
     def _write(self) -> None:
         while not self._settled.wait(LOOK_S):

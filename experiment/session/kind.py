@@ -273,6 +273,10 @@ class FarEnds(Protocol):
         """Return the port of the participant's pedal, None for the one that the rig names."""
         return None
 
+    def buttons(self, opened: ExitStack) -> tuple[str | None, ClockMap | None]:  # noqa: ARG002
+        """Return the port of the participant's buttons, as `tracker` does."""
+        return None, None
+
     @abstractmethod
     def check(self, tracker: Tracker, rig: Rig) -> None:
         """Refuse a tracker that cannot be used, before anybody is on the panel. Raises `TrackerError`."""

@@ -47,6 +47,10 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
         pedal = opening.open_pedal(rig, port=ends.pedal(opened)) if ends.real_time else None
         if pedal is not None:
             opened.callback(pedal.close)
+        port, known = ends.buttons(opened)
+        buttons = opening.open_buttons(rig, protocol.answers.mode, clock=clock, port=port, known=known)
+        if buttons is not None:
+            opened.callback(buttons.close)
         console = ends.console()
         if priority and not rig.rig.simulated:
             console.tell(Notice(f"Priority: {priority}."))
@@ -64,6 +68,7 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
             reconnect_s=ends.reconnect_s,
             priority=priority,
             pedal=pedal,
+            buttons=buttons,
             listening=listening,
         )
 

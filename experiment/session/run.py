@@ -96,6 +96,8 @@ def run(
     if rig.rig.simulated:
         rehearse = Remedy("name a rig file of real devices, or use {}", ("palpate", "rehearse", str(protocol_file)))
         raise RigError(rig_file, "the rig is simulated", rehearse)
+    if protocol.answers.mode != "oral":
+        import_module("palpate.experiment.session.answering").check(protocol, rig)
     for one in protocol.tasks:
         session_kind(one).check_rig(protocol, rig, today)
     if not _is_asked_first(root, protocol, participant):

@@ -112,6 +112,15 @@ def run(
                 return session.run(contents)
 
 
+def _answered(devices: Devices) -> Callable[[], None] | None:
+    """Return what has the participant's buttons answer; None without any."""
+    if devices.buttons is None:
+        return None
+    answering = import_module("palpate.experiment.session.answering")
+    follow: Callable[[], None] = answering.followed(devices.buttons, devices.console, devices.clock)
+    return follow
+
+
 def _check_same_session(path: Path, found: entries.Header, asked: entries.Header) -> None:
     identity = ("study", "protocol_sha256", "participant", "task", "seed", "rig_sha256", "recordings_sha256")
     for name in (*identity, "purpose", "order"):
@@ -231,6 +240,7 @@ class _Session:
             log=log,
             stream=devices.stream,
             pressed=devices.pedal.pressed if devices.pedal is not None else None,
+            answered=_answered(devices),
         )
         if devices.stream is not None:
             devices.stream.end(self._exposed.ends_ns)

@@ -49,6 +49,9 @@ INSTRUCTION = "Zerknüllen Sie die vier Zylinder auf der Platte, so oft Sie möc
 BEGINS_S = 60.0
 """PsychoPy is imported and its window open within this time, s."""
 
+PRESSES = 40
+"""So many keys are pressed to see how late they are dated."""
+
 MASKER = Prompt(show="masker", question=7, keys=("+", "-", ENTER))
 PROMPTS: dict[str, Prompt] = {
     "wait": Prompt(),
@@ -69,6 +72,10 @@ PROMPTS: dict[str, Prompt] = {
     "compare": Prompt(show="compare", answers=("first", "second", "no difference")),
     "compare, with the lamp dark": Prompt(show="compare", answers=("first", "second"), lamp=False),
     "compare, too fast": Prompt(show="compare", answers=("first", "second"), lamp=True),
+    "answers to choose": Prompt(
+        show="answer", mode="screen", answers=("copy paper", "aluminum foil"), keys=("c", "a"), question=9, pace="right"
+    ),
+    "answers to press": Prompt(show="answer", mode="keys", answers=("copy paper", "aluminum foil")),
     "finished": Prompt(show="finished"),
     "finished, and silent": Prompt(show="finished", unmasked=True),
     "thanks": Prompt(show="thanks"),
@@ -333,6 +340,57 @@ def test_a_break_counts_down_on_the_screen(display: Display, end: End, window: s
     changed = np.flatnonzero((display.picture() != first).any(axis=(1, 2)))
     # The sentence above the clock stays.
     assert changed[0] > 300
+
+
+def test_an_answer_is_chosen_by_a_key_or_by_the_mouse_and_dated_when_it_is_pressed(
+    display: Display, end: End, window: subprocess.Popen[str]
+) -> None:
+    """The key comes through the X server's own test extension, so that it is known when it was pressed."""
+    from Xlib import X
+    from Xlib import display as servers
+    from Xlib.ext import xtest
+
+    asking = Prompt(show="answer", mode="screen", answers=("copy paper", "foil"), keys=("c", "a"), question=9)
+    end.say(asking)
+    boxes = pages.boxes(2, SIZE_PX)
+    x, y = ((boxes[0][0] + boxes[0][2]) / 2, (boxes[0][1] + boxes[0][3]) / 2)
+    display.do("windowfocus", display_window(display))
+
+    def choices() -> list[Choose]:
+        return [deed for deed in end.deeds if isinstance(deed, Choose) and deed.question == 9]
+
+    display.press("2")
+    wait_until(lambda: len(choices()) == 1, "the key chose nothing", 5)
+    display.do("mousemove", str(round(x)), str(round(y)), "click", "1")
+    wait_until(lambda: len(choices()) == 2, "the click chose nothing", 5)
+    display.do("mousemove", "5", "5", "click", "1")
+    assert [deed.key for deed in choices()] == ["a", "c"]
+    late_ms = []
+    with closing(servers.Display(display.name)) as there:
+        one = there.keysym_to_keycode(ord("1"))
+        for n in range(PRESSES):
+            pressed_ns = monotonic_ns()
+            xtest.fake_input(there, X.KeyPress, one)
+            there.sync()
+            wait_until(lambda n=n: len(choices()) == 3 + n, "the key chose nothing", 5)  # type: ignore[misc]
+            late_ms.append((choices()[-1].t_ns - pressed_ns) / 1e6)
+            xtest.fake_input(there, X.KeyRelease, one)
+            there.sync()
+            time.sleep(0.05)
+    print(f"\nscreen: from key to its time {np.median(late_ms):.1f} ms, 95 % {np.percentile(late_ms, 95):.1f} ms")
+    assert all(0 <= late < 1000 for late in late_ms)
+    assert all(deed.error_s is not None for deed in choices())
+
+
+def display_window(display: Display) -> str:
+    found = subprocess.run(
+        ["xdotool", "search", "--name", "^palpate$"],
+        env=display.environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return found.stdout.split()[-1]
 
 
 def test_it_costs_the_session_no_core(display: Display, end: End, window: subprocess.Popen[str]) -> None:

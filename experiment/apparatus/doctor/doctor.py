@@ -40,6 +40,7 @@ class SimulatedPorts:
     device: str | None = None
     force: str | None = None
     pedal: str | None = None
+    buttons: str | None = None
     accelerometer: str | None = None
     wire: Callable[[], None] = lambda: None
 
@@ -120,6 +121,10 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
 
             yield from force.checks(rig, ends.force, protocol=protocol, clock=clock)
         yield from _pedal(rig, ends.pedal)
+        if rig.buttons is not None:
+            from palpate.experiment.apparatus.doctor import buttons
+
+            yield from buttons.checks(rig, ends.buttons, clock=clock)
         yield from _elsewhere(rig, protocol)
         if rig.tracker is not None and rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")

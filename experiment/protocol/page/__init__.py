@@ -201,7 +201,8 @@ def _recorded(protocol: Protocol) -> Iterator[Block]:
     yield Said(
         f"The following is recorded under a number and never under a name: {of_kind}"
         "what was presented, the level and the dose of the noise, the answer that the "
-        "experimenter keyed and when, its corrections, keys that were pressed too early, and every pause and "
+        f"{'experimenter keyed' if protocol.answers.mode == 'oral' else 'participant gave'} and when, its corrections, "
+        "keys that were pressed too early, and every pause and "
         "repetition with its reason. The experimenter can add notes, which are kept with the trial."
     )
     yield from _voices(protocol)
@@ -403,21 +404,29 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
             yield Said(felt, indent="  ")
 
 
+_ANSWERING = {
+    "oral": "Participants answer aloud after each trial, and the experimenter presses the key for what they said",
+    "keys": "Participants press one of their own buttons after each trial, once they are asked; a button has the name "
+    "of its key here, and its press counts without confirmation. The experimenter has the other keys, and cannot "
+    "answer for them",
+    "screen": "Participants choose one of the answers on their screen after each trial, by mouse, touch or the digit "
+    "beside it, once they are asked; that counts without confirmation. The experimenter has the other keys, and cannot "
+    "answer for them",
+}
+
+
 def _answers(protocol: Protocol) -> Iterator[Block]:
     answers = protocol.answers
     keys = "".join(f"[{key}] {words}, " for key, words in design_words(protocol.tasks[0]).answers(protocol))
     if asked := design_words(protocol.tasks[0]).asked(protocol):
         yield Said(asked)
-    yield Said(
-        f"Answers are {answers.mode}. Participants answer aloud after each trial, and the experimenter presses the "
-        "key for what they said:"
-    )
+    yield Said(f"Answers are {answers.mode}. {_ANSWERING[answers.mode]}:")
     yield Said(
         f"{keys}[{answers.no_answer_key}] no answer, [{answers.redo_key}] do the trial again, "
         f"[{answers.pause_key}] pause.",
         indent="    ",
     )
-    shown = ", and these answers while they answer" if answers.on_screen else ""
+    shown = ", and these answers while they answer" if answers.on_screen or answers.mode == "screen" else ""
     yield Said(
         f"Where the rig has a screen for the participant, it shows the instructions of this protocol{shown}. It adds "
         "short sentences, such as when to step, which may stand in the rig file: they are no part of this protocol and "

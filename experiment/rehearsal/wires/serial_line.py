@@ -1,6 +1,6 @@
 """A serial line on this machine: a raw pseudo-terminal, or on Windows a TCP server on the loopback interface.
 
-A participant's pedal is the simplest device at the end of one.
+A participant's pedal is the simplest device at the end of one, and buttons are another.
 """
 
 import os
@@ -10,6 +10,8 @@ import threading
 import time
 from contextlib import suppress
 from typing import Literal, Self
+
+from palpate.experiment.clock import Clock
 
 Kind = Literal["pty", "tcp"]
 
@@ -90,6 +92,31 @@ class SimulatedPedal(SerialLine):
             while self.sends:
                 self.offer(b".")
                 time.sleep(0.1)
+
+
+class SimulatedButtons(SerialLine):
+    """Buttons that nobody presses until `press`: they send what the guide on rigs asks of a board."""
+
+    def __init__(self, clock: Clock, *, beats: bool) -> None:
+        """Lay the line; the board, powered now, counts the time of `clock`, and sends heartbeats if it `beats`."""
+        super().__init__()
+        self._clock = clock
+        self.powered_ns = clock.now_ns()
+        self.sends = beats
+        """Whether its board is alive."""
+        threading.Thread(target=self._send, name="buttons' board", daemon=True).start()
+
+    def press(self, name: str) -> int:
+        """Press and release a button; return the time of that by the board, microseconds."""
+        at_us = (self._clock.now_ns() - self.powered_ns) // 1000
+        self.write(f"{name} {at_us % 2**32}\n".encode())
+        return at_us
+
+    def _send(self) -> None:
+        with suppress(UnpluggedError):
+            while self.sends:
+                self.press(".")
+                time.sleep(0.05)
 
 
 class PseudoTerminal:

@@ -50,7 +50,7 @@ class Inline(Executor):
 
 def untimed(deed: Deed) -> Deed:
     """Return what was asked for, whenever its key was pressed."""
-    return deed.model_copy(update={"t_ns": 0}) if isinstance(deed, Choose) else deed
+    return deed.model_copy(update={"t_ns": 0, "error_s": None}) if isinstance(deed, Choose) else deed
 
 
 class Desk(LinkedConsole):

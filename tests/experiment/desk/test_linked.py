@@ -19,6 +19,7 @@ from palpate.experiment.desk.messages import (
     CLOSED,
     ENTER,
     Asked,
+    By,
     Choose,
     Correct,
     Deed,
@@ -50,6 +51,7 @@ from palpate.experiment.desk.questions import (
     Notice,
     Place,
     Play,
+    Pressed,
     Remark,
     Report,
     Rest,
@@ -813,3 +815,53 @@ def test_what_was_laid_out_is_not_told_after_the_end(bench: Bench, approved: Sna
     assert view.ended is not None
     # And the number is printed with it.
     assert view.ended.words == approved
+
+
+THEM = Hello(role="screen", by="the participant's screen")
+
+
+@pytest.mark.parametrize("by", ["participant", "buttons"])
+@pytest.mark.parametrize("screens", [0, 1])
+def test_an_answer_that_is_the_participants_is_taken_from_nobody_else(bench: Bench, by: By, screens: int) -> None:
+    """Neither from the experimenter, screen or no screen, nor from the participant's other device; the rest is not
+    theirs.
+    """
+    bench.linked.came(1, screens)
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", {**OTHERS, "+": "louder"}, by)))
+    asked = bench.question("answer")
+    assert [one.key for one in asked.choices] == ["n", "r", "+"]
+    assert bench.do(Choose(question=asked.number, key="c")) == (False, linked_module.NOT_THEIRS["experimenter"])
+    for key in ("r", "n", "+"):
+        assert not bench.linked.take(THEM, Choose(question=asked.number, key=key))[0]
+        bench.linked.tell(Pressed(key, device_us=1))
+    other: Callable[[], object] = partial(bench.linked.take, THEM, Choose(question=asked.number, key="p"))
+    if by == "participant":
+        other = partial(bench.linked.tell, Pressed("p"))
+    other()
+    assert not said.done()
+    if by == "buttons":
+        bench.linked.tell(Pressed("c", device_us=77, error_s=0.001))
+    else:
+        assert bench.linked.take(THEM, Choose(question=asked.number, key="c", error_s=0.002))[0]
+    reply = said.result(10)
+    assert (reply.key, reply.by) == ("c", by)
+    assert (reply.device_us, reply.error_s) == ((77, 0.001) if by == "buttons" else (None, 0.002))
+    assert [one[2] for one in bench.attending.record].count(True) == 1
+
+
+def test_a_press_from_before_its_question_answers_nothing_and_the_experimenter_is_told(bench: Bench) -> None:
+    bench.linked.tell(Pressed("c", device_us=1))
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS, "buttons")))
+    bench.question("answer")
+    bench.linked.tell(Pressed("c", ago_ns=10**9, device_us=2))
+    assert not said.done()
+    assert len(shown(bench.linked).lines) == 2
+    assert [one[2] for one in bench.attending.record] == [False, False]
+    bench.linked.tell(Pressed("p", device_us=3))
+    assert (said.result(10).key, said.result(10).device_us) == ("p", 3)
+
+
+def test_the_experimenter_has_a_trial_redone_that_the_participant_is_asked_about(bench: Bench) -> None:
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS, "participant")))
+    bench.press("answer", "r")
+    assert (said.result(10).key, said.result(10).by) == ("r", "experimenter")

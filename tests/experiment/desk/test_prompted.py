@@ -264,7 +264,7 @@ def test_the_same_look_keeps_its_number_and_another_gets_its_own(desk: Desk, asi
 class Shared:
     """A question of which the participant answers, and the experimenter pauses: it is one of the test."""
 
-    kind: ClassVar[Kind] = "answer"
+    kind: ClassVar[Kind] = "level"
     text = "Which one?"
     choices = (*keyed({"+": "this one"}, answer=True, by="participant"), *keyed({"q": "pause"}))
 
@@ -280,7 +280,7 @@ def test_nobody_answers_for_another_at_the_wire(desk: Desk, aside: ThreadPoolExe
     """A participant's screen that may answer sends the key for a pause; a console sends the participant's answer."""
     with closing(Link(tmp_path / "s", desk)), closing(Line(tmp_path / "s", SCREEN)) as screen:
         said = aside.submit(desk.ask, Shared())
-        number = open_question(desk, "answer").number
+        number = open_question(desk, "level").number
         offered = next(one for one in screen.messages() if isinstance(one, Prompt) and one.question == number)
         assert offered.keys == ("+",)
         for hello, key in ((SCREEN, "q"), (CONSOLE, "+")):

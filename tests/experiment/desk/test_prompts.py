@@ -7,20 +7,21 @@ from hypothesis import given
 
 from palpate.experiment.desk.messages import ENTER, Asked, By, Choice, Ended, Gauges, Prompt, View, line
 from palpate.experiment.desk.prompts import AT_QUESTION, prompt, shown_answers
-from palpate.experiment.desk.questions import STEP, Level, keyed
+from palpate.experiment.desk.questions import ANSWERED_BY, STEP, Level, TrialAnswer, keyed
 from palpate.experiment.protocol.files import ProtocolFile
-from palpate.experiment.protocol.rules import HEARD_KEY, PROBE_KEY
+from palpate.experiment.protocol.rules import HEARD_KEY, PROBE_KEY, Mode
 from tests.experiment.desk.views import KINDS, MARK, views
 from tests.experiment.protocol.small import changed, document
 from tests.experiment.protocol.tapping import comparing
 
-SHOWN = ("felt", "cork")
+SHOWN = {"f": "felt", "c": "cork"}
+WORDS = tuple(SHOWN.values())
 LEVEL = keyed({"+": "louder", "-": "softer", ENTER: "keep"}, by="participant")
 
 
 @given(view=views)
 def test_nothing_that_is_presented_reaches_the_screen(view: View) -> None:
-    assert MARK.encode() not in line(prompt(view, ()))
+    assert MARK.encode() not in line(prompt(view, {}))
 
 
 @pytest.mark.parametrize(
@@ -52,7 +53,7 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View) -> None:
         gauges = other.gauges.model_copy(update=kept)
     matters = {
         name: getattr(view, name)
-        for name in ("state", "step", "at_will", "instruction", "again", "masked", "pause_until_ns", "label")
+        for name in ("state", "step", "at_will", "mode", "instruction", "again", "masked", "pause_until_ns", "label")
     }
     ended = view.ended
     if ended is not None and other.ended is not None:
@@ -64,8 +65,10 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View) -> None:
 @given(view=views)
 def test_the_participant_has_four_keys_five_meanings_and_those_only_for_their_own_choices(view: View) -> None:
     shown = prompt(view, SHOWN)
-    assert set(shown.keys) <= {"+", HEARD_KEY, "-", ENTER, PROBE_KEY}
-    theirs = {one.key for one in view.question.choices if one.by != "experimenter"} if view.question else set()
+    answers = set(SHOWN) if view.question is not None and view.question.kind == "answer" else set()
+    assert set(shown.keys) <= (answers or {"+", HEARD_KEY, "-", ENTER, PROBE_KEY})
+    by = ("participant", "either")
+    theirs = {one.key for one in view.question.choices if one.by in by} if view.question else set()
     assert set(shown.keys) <= theirs
     assert shown.question == (view.question.number if view.question and shown.keys else None)
 
@@ -93,7 +96,7 @@ def test_every_state_has_its_page(state: str, show: str) -> None:
 def test_who_compares_is_told_to_feel_both() -> None:
     asked = Asked(number=3, kind="answer", text="", choices=())
     shown = prompt(View(at_will=True, question=asked, gauges=Gauges(left_s=1.0, too_fast=True)), SHOWN)
-    assert (shown.show, shown.answers, shown.lamp) == ("compare", SHOWN, True)
+    assert (shown.show, shown.answers, shown.lamp) == ("compare", WORDS, True)
     felt = prompt(View(state="answering", at_will=True, gauges=Gauges(left_s=1.0, second=True)), SHOWN)
     assert (felt.show, felt.second) == ("compare", True)
 
@@ -182,14 +185,14 @@ def test_a_step_that_did_not_count_is_told_without_its_reason() -> None:
 )
 def test_whoever_sets_the_masker_is_offered_its_keys(by: By, keys: tuple[str, ...]) -> None:
     asked = Level(50, 80, "Nothing.", probe=False, by=by)
-    shown = prompt(View(question=Asked(number=3, kind="level", text="", choices=asked.choices)), ())
+    shown = prompt(View(question=Asked(number=3, kind="level", text="", choices=asked.choices)), {})
     assert (shown.question, shown.keys) == (3 if keys else None, keys)
 
 
 def test_answers_are_shown_only_where_the_protocol_says_so_and_only_while_one_is_wanted() -> None:
     study = ProtocolFile.model_validate(changed(document(), ("answers", "on_screen"), True))
     said = tuple(material.spoken[0] for material in study.materials)
-    assert shown_answers(study) == said
+    assert tuple(shown_answers(study).values()) == said
     for kind in KINDS:
         asked = Asked.model_validate({"number": 3, "kind": kind, "text": "", "choices": ()})
         shown = prompt(View(question=asked), shown_answers(study))
@@ -200,5 +203,23 @@ def test_answers_are_shown_only_where_the_protocol_says_so_and_only_while_one_is
 @pytest.mark.parametrize(("tie_key", "said"), [(None, ("first", "second")), ("3", ("first", "second", "tie"))])
 def test_of_a_pair_the_answers_are_places_and_name_no_material(tie_key: str | None, said: tuple[str, ...]) -> None:
     study = ProtocolFile.model_validate(changed(comparing(tie_key=tie_key), ("answers", "on_screen"), True))
-    assert shown_answers(study) == said
-    assert shown_answers(ProtocolFile.model_validate(comparing(tie_key=tie_key))) == ()
+    assert tuple(shown_answers(study).values()) == said
+    assert shown_answers(ProtocolFile.model_validate(comparing(tie_key=tie_key))) == {}
+
+
+@pytest.mark.parametrize(("mode", "keys"), [("screen", ("c", "f")), ("keys", ())])
+def test_answers_are_offered_where_they_are_given_and_while_they_are_asked_for(
+    mode: Mode, keys: tuple[str, ...]
+) -> None:
+    answers = {"c": "cork", "f": "felt"}
+    asked = TrialAnswer(1, {"f": "felt (laid out)", "c": "cork"}, "n", {"r": "again"}, ANSWERED_BY[mode])
+    question = Asked(number=3, kind="answer", text="", choices=asked.choices)
+    view = View(state="answering", mode=mode, question=question)
+    shown = prompt(view, answers)
+    assert (shown.show, shown.question, shown.keys) == ("answer", 3 if keys else None, keys)
+    confirming = question.model_copy(update={"kind": "confirm", "choices": ()})
+    for other in (None, confirming):
+        waits = prompt(view.model_copy(update={"question": other}), answers)
+        assert (waits.show, waits.keys) == ("wait", ())
+    stepped = View(state="armed", mode=mode, gauges=Gauges(left_s=1.0, stepped=True))
+    assert prompt(stepped, answers).show == "wait"

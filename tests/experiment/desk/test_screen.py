@@ -37,6 +37,8 @@ class Window:
         self.seen = 0
         self.seen_ns = 0
         self.fresh = False
+        self.clicks: list[list[tuple[float, float]]] = []
+        self.mouse: list[bool] = []
 
     @property
     def closed(self) -> bool:
@@ -58,6 +60,12 @@ class Window:
             self.fresh = False
             return [self.as_drawn]
         return self.rounds.pop(0)
+
+    def clicked(self) -> list[tuple[float, float]]:
+        return self.clicks.pop(0) if self.clicks and not self.fresh else []
+
+    def offer(self, *, mouse: bool) -> None:
+        self.mouse.append(mouse)
 
     def close(self) -> None:
         pass
@@ -303,3 +311,20 @@ def test_a_stop_waits_for_no_page_that_is_drawn(monkeypatch: pytest.MonkeyPatch)
     goes_on.set()
     # Nothing was seen, so nothing is told of a page.
     assert (sent.deeds, window.pictures) == ([Pause()], [])
+
+
+def test_an_answer_is_chosen_by_its_digit_or_by_touching_its_box_and_nowhere_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(screen, "ANSWER_S", 0.0)
+    asking = Prompt(number=4, show="answer", mode="screen", answers=("cork", "felt"), question=9, keys=("c", "f"))
+    sent, window = Sent(), Window([], ["2"], ["3", "c", "up"], [], [], [], as_drawn="1")
+    first, second = pages.boxes(2, window.size_px)
+    inside = (first[0] + 1, (first[1] + first[3]) / 2)
+    window.clicks = [[], [], [], [inside], [(5.0, 5.0), ((second[0] + second[2]) / 2, second[3] + 1)], []]
+    began_ns = monotonic_ns()
+    run(Told(heard(sent, asking)), window)
+    chosen = [deed for deed in sent.deeds if isinstance(deed, Choose)]
+    assert [untimed(deed) for deed in chosen] == [Choose(question=9, key=key, t_ns=0) for key in "fc"]
+    assert all(began_ns <= deed.t_ns <= monotonic_ns() and (deed.error_s or 0) > 0 for deed in chosen)
+    assert window.mouse == [True]

@@ -167,7 +167,7 @@ def test_what_was_corrected_before_a_pause_stays_and_what_was_not_answered_is_no
 def test_response_time_ends_at_the_choice_and_not_at_the_confirmation(protocol: Protocol, tmp_path: Path) -> None:
     run(protocol, tmp_path, "c", "p", "t")
     answers = [e for e in entries(tmp_path, "real") if isinstance(e, Answer)]
-    assert [e.confirmed_s - e.response_time_s for e in answers] == pytest.approx([2.0] * 3)
+    assert [(e.confirmed_s or 0.0) - e.response_time_s for e in answers] == pytest.approx([2.0] * 3)
 
 
 def test_a_choice_that_is_not_confirmed_is_no_answer(protocol: Protocol, tmp_path: Path) -> None:
@@ -336,7 +336,7 @@ def test_response_time_ends_when_the_key_was_pressed_and_not_when_it_was_on_reco
         one.console.chosen_before_ns = ago_ns
         one.run(protocol, header("real"), tmp_path / str(ago_ns))
         found = [e for e in entries(tmp_path / str(ago_ns), "real") if isinstance(e, Answer)]
-        seconds[ago_ns] = [e.confirmed_s - e.response_time_s for e in found]
+        seconds[ago_ns] = [(e.confirmed_s or 0.0) - e.response_time_s for e in found]
     assert seconds[0] == pytest.approx([0.0] * 2)
     assert seconds[400_000_000] == pytest.approx([0.4] * 2)
 
