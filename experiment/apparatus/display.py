@@ -37,7 +37,7 @@ class ScreenKeys(Confined):
         louder: louder masker.
         softer: softer masker.
         probe: plays the probe.
-        done: loud enough.
+        done: loud enough; or the trial may begin.
         stop: silences everything and pauses, any time.
     """
 
@@ -67,6 +67,7 @@ class ScreenWords(Confined):
         rest: the tracker is zeroed.
         ready: a step is armed.
         coming: another trial is.
+        begin: label of the key that sets it off.
         again: armed after a step that did not count.
         answer: the answer is awaited.
         choose: same, chosen on the screen.
@@ -99,6 +100,7 @@ class ScreenWords(Confined):
     rest: Line = "Rest your foot still on the panel."
     ready: Line = "You may step."
     coming: Line = Field("Feel what comes.", json_schema_extra={"since": 6})
+    begin: Line = Field("I am ready", json_schema_extra={"since": 6})
     again: Line = "That step did not count. Lift your foot, then step once more."
     answer: Line = "Say aloud what you felt."
     choose: Line = Field("Choose what you felt.", json_schema_extra={"since": 6})

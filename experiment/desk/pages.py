@@ -221,7 +221,7 @@ def _keys(prompt: Prompt, settings: ScreenRig) -> Iterator[tuple[str, str]]:
     if PROBE_KEY in prompt.keys:
         yield _cap(keys.probe), words.probe
     if ENTER in prompt.keys:
-        yield _cap(keys.done), words.inaudible
+        yield _cap(keys.done), words.begin if prompt.show == "coming" else words.inaudible
 
 
 def _cap(key: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,9 +14,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
-from palpate.experiment.desk import pages
-from palpate.experiment.desk.messages import ENTER, Prompt, Show
+from palpate.experiment.desk import pages, prompts
+from palpate.experiment.desk.messages import ENTER, Asked, Prompt, Show, View
 from palpate.experiment.desk.pages import BACKGROUND, CAP, LIT, MUTED, TEXT, Colour, Page
+from palpate.experiment.desk.questions import Play
 from palpate.experiment.errors import DisplayError
 from palpate.experiment.protocol.rules import HEARD_KEY
 from tests.approved import Refuses
@@ -109,6 +111,14 @@ def test_the_masker_has_three_keys_with_what_they_do() -> None:
     assert pages.page(at_limit, RIG, 0).keys == loudest
     assert [pages.chosen(one, "up", RIG) for one in (asked, at_limit)] == ["+", HEARD_KEY]
     assert pages.page(Prompt(show="masker"), RIG, 0).keys == ()
+
+
+def test_whoever_sets_a_trial_off_reads_that_enter_begins_it() -> None:
+    asked = Play(1, "participant")
+    view = View(state="armed", question=Asked(number=3, kind=asked.kind, text=asked.text, choices=asked.choices))
+    page = pages.page(prompts.prompt(view, {}), RIG, 0)
+    assert page.keys == (("Enter", "I am ready"),)
+    assert drawn(page).tobytes() != drawn(replace(page, keys=())).tobytes()
 
 
 @pytest.mark.parametrize(
