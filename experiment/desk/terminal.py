@@ -146,8 +146,12 @@ class TerminalConsole(_Lines):
                 return Reply(text=self._line(text))
             case questions.Confirm(key=key, text=text):
                 # Not Enter: a key that somebody leans on repeats.
-                typed = self._ask(f"{text} - type {key} again to confirm, anything else to ask again: ")
-                return Reply(ENTER if typed.strip().lower() == key else ESCAPE)
+                typed = self._ask(f"{text} - type {key} again to confirm, anything else to ask again: ").strip()
+                if typed.lower() == key:
+                    return Reply(ENTER)
+                if self._remark(typed, None):
+                    self._refuse(typed, "is not taken here; type it at the answer, which is asked for again")
+                return Reply(ESCAPE)
             case _:
                 return self._reply(question)
 

@@ -55,6 +55,14 @@ def test_no_other_key_confirms_and_enter_that_repeats_does_not(typed: str) -> No
     assert one.ask(Confirm("c", "copy paper")).key != ENTER
 
 
+def test_a_remark_in_place_of_a_confirmation_is_refused_by_name_and_not_lost_without_a_word() -> None:
+    one, screen, _ = console("note door slammed", "x")
+    for lines in (1, 0):
+        before = screen.tell()
+        assert one.ask(Confirm("c", "copy paper")).key != ENTER
+        assert ("note door slammed" in screen.getvalue()[before:]) is bool(lines)
+
+
 def test_an_event_is_what_happened_and_what_was_done() -> None:
     one, _, _ = console("adverse Fell.", "adverse Fell.; Sat down.", "deviation The door; closed", "n")
     asked = TrialAnswer(3, ANSWERS, "n", OTHERS)
