@@ -326,6 +326,14 @@ def protocol_path(dataset: Path, number: int = 1) -> Path:
     return dataset / "sourcedata" / ("protocol.toml" if number == 1 else f"protocol-{number}.toml")
 
 
+def protocol_paths(dataset: Path) -> Iterator[Path]:
+    """Yield the file of the protocol of each approval that is there, the first one's first."""
+    number = 1
+    while (path := protocol_path(dataset, number)).exists():
+        yield path
+        number += 1
+
+
 def plan_path(dataset: Path) -> Path:
     """Return where the plan of a rehearsal or of practice stands; a dataset without it is of neither."""
     return dataset / "sourcedata" / "rehearsal.json"

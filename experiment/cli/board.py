@@ -208,8 +208,13 @@ def _note_incident(root: Path, protocol_file: Path, participant: str, text: str)
     takes = roster.Roster.load(storage.roster_path(root)).takes
     allocated = schedule.allocated(files.load(protocol_file), enrolment.seed_of(root), takes)
     tasks = schedule.find_allocation(allocated, participant).tasks
-    session = remarks.paused(root, participant, tasks[:-1], tasks[-1], MonotonicClock())
-    told = session.remark(TakeNote(text=text)) if session is not None else (False, "")
+    try:
+        session = remarks.paused(root, participant, tasks[:-1], tasks[-1], MonotonicClock())
+        told = session.remark(TakeNote(text=text)) if session is not None else (False, "")
+    except PalpateError as error:
+        # The incident is on record: an error here would have it recorded again.
+        told = (False, "")
+        options.say(error.sentence())
     typer.echo("The journal of their latest session notes it." if told[0] else "No session of theirs can take a note.")
 
 

@@ -130,7 +130,7 @@ def load_sound(root: Path, each: Each = map) -> Dataset:
 @overload
 def findings(dataset: Dataset, *names: str) -> Iterator[Finding]: ...
 @overload
-def findings(dataset: Sessions, *names: Literal["rigs", "recordings"]) -> Iterator[Finding]: ...
+def findings(dataset: Sessions, *names: Literal["rigs", "recordings", "companions"]) -> Iterator[Finding]: ...
 def findings(dataset: Sessions, *names: str) -> Iterator[Finding]:
     """Yield each thing that speaks against a dataset once, with the name of its check, in the order of `CHECKS`.
 
@@ -193,12 +193,8 @@ def anchor(root: Path) -> Anchor:
 
 def seals(root: Path) -> tuple[str, ...]:
     """Return the hashes of the file of each seal of a dataset, in both forms, oldest first; none without a seal."""
-    found, number = list[str](), 1
-    while number == 1 or storage.protocol_path(root, number).exists():
-        path = approval.seal_path(storage.protocol_path(root, number))
-        found += approvals.seal_forms(storage.protocol_path(root, number)) if path.exists() else ()
-        number += 1
-    return tuple(found)
+    kept = {storage.protocol_path(root): None, **dict.fromkeys(storage.protocol_paths(root))}
+    return tuple(form for path in kept if approval.seal_path(path).exists() for form in approvals.seal_forms(path))
 
 
 def keep_anchor(root: Path) -> tuple[Anchor, bool]:
@@ -512,6 +508,7 @@ OF_TABLES = ("edits", "traces")
 OF_FILES: Mapping[str, Callable[[Sessions], Iterable[Finding]]] = {
     "rigs": lambda sessions: import_module("palpate.experiment.dataset.verify").rig_files(sessions),
     "recordings": lambda sessions: import_module("palpate.experiment.dataset.verify").recordings(sessions),
+    "companions": lambda sessions: import_module("palpate.experiment.dataset.verify").companions(sessions),
 }
 """The checks of what journals name, `Sessions` alone, which only `palpate verify` runs; one that passes says so."""
 

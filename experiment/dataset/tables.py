@@ -7,6 +7,7 @@ from functools import partial
 from importlib import import_module
 from itertools import zip_longest
 from pathlib import Path
+from typing import get_args
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids, build
@@ -22,6 +23,8 @@ from palpate.experiment.dataset.checks import (
 from palpate.experiment.errors import DatasetError, Finding, PalpateError
 from palpate.experiment.records import entries, journal
 from palpate.experiment.records.progress import progress
+from palpate.experiment.study.lines import IncidentKind
+from palpate.experiment.study.roster import Roster
 
 
 def origin_of(root: Path) -> str:
@@ -37,6 +40,9 @@ READ = {
     "_events.json": ("TaskTitle", "Instructions", "Kind", "Design", "Materials", "Answers", "Rows", "SessionId"),
 }
 """What analysis reads of JSON files, by the end of their names; each version words the rest in its own way."""
+
+OF_INCIDENTS = (*get_args(IncidentKind), "informed")
+"""Kinds of lines of a roster that tell of an adverse event or a deviation."""
 
 ALONE = {"RECONSTRUCTION": "only counts from print", "IMPORTED": "only what was imported"}
 """What stands behind tables that never had a journal, by their origin."""
@@ -132,14 +138,22 @@ def lost_traces(dataset: Dataset) -> Iterator[Finding]:
 def _of_study(dataset: Dataset) -> list[Finding]:
     """Return each file of all participants that the journals do not give, with or without those under way.
 
-    The files of a session in which, or after which, an incident was told have it once they are made again.
+    The files of a session in which an incident was told have it once they are made again, as that ends.
     """
     unlike = _of_study_as_known(dataset)
-    for count in range(len(dataset.people.incidents)) if unlike and dataset.roster else ():
-        then = replace(dataset.people, incidents=dataset.people.incidents[:count])
-        if not _of_study_as_known(replace(dataset, roster=then)):
-            return []
+    if unlike and any(not _of_study_as_known(replace(dataset, roster=then)) for then in _before(dataset.people)):
+        what = "is older than the roster, which tells more of adverse events or deviations"
+        remedy = build_again(dataset.root, "make it again")
+        return [] if dataset.under_way else [Finding(what, one.where, remedy=remedy) for one in unlike]
     return unlike
+
+
+def _before(people: Roster) -> Iterator[Roster]:
+    """Yield a roster as it was in what it says of incidents before each line about one, the latest first."""
+    told = [n for n, link in enumerate(people.lines.links) if link.entry.get("kind") in OF_INCIDENTS]
+    for number in reversed(told):
+        earlier = people.as_of(people.lines.links[number - 1].sha256).incidents if number else []
+        yield replace(people, incidents=earlier)
 
 
 def _of_study_as_known(dataset: Dataset) -> list[Finding]:

@@ -23,6 +23,7 @@ from palpate.experiment.dataset.outside.signatures import Signer, soundly_signed
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, anchors_of_file
 from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, Remedy, Verdict
 from palpate.experiment.protocol import approval
+from palpate.experiment.protocol import files as protocols
 from palpate.experiment.protocol.blocks import count
 from palpate.experiment.records import bridging, journal
 from palpate.experiment.records.entries import Header, Outcome, Purpose, Resumed
@@ -112,7 +113,7 @@ def verify(
     refused = {str(finding.where) for finding in (*findings, *unlike) if finding.refuses}
     unlike += [Finding(FOREIGN, place.place) for place in foreign]
     whole = Sessions(root, sessions=tuple(sessions))
-    findings += [_inside(root, one) for one in checks.findings(whole, "recordings")]
+    findings += [_inside(root, one) for one in checks.findings(whole, "recordings", "companions")]
     already = {(one.where, one.clause()) for one in findings}
     findings += _together(root, already, evidence, refused) if checks.has_journals(root) else _tables_alone(root)
     findings = list(_cut_short(findings, _unfinished(root, people)))
@@ -353,6 +354,22 @@ def recordings(dataset: Sessions) -> Iterator[Finding]:
         are = "take is that" if len(takes) == 1 else "takes are those"
         text = f"{len(takes)} {are} of the manifest, and the manifest is the one that the journals name"
         yield Finding(text, folder, verdict="passes")
+
+
+def companions(dataset: Sessions) -> Iterator[Finding]:
+    """Yield each file beside a protocol of the dataset, whether it is the one that the protocol names."""
+    for path in storage.protocol_paths(dataset.root):
+        try:
+            protocol = protocols.load(path)
+        except PalpateError:
+            # That a protocol cannot be read is told with what it is held against.
+            continue
+        for name in protocol.companions:
+            try:
+                protocols.companion(protocol, name)
+                yield Finding(f"is the one that {path.name} names", path.with_name(name), verdict="passes")
+            except PalpateError as error:
+                yield error.finding
 
 
 def _sha256(path: Path) -> str | None:

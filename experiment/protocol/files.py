@@ -64,10 +64,20 @@ def companion(protocol: Protocol, name: str) -> bytes:
 
 
 def keep(file: Path, kept: Path) -> None:
-    """Copy a protocol's file with those beside it, which come first. Errors are those of `load` and `companion`."""
+    """Copy a protocol's file with those beside it, which come first.
+
+    Raises as `load` and `companion`, and `ProtocolError` where another file of such a name is kept: of an earlier
+    version, whose trials presented it.
+    """
     protocol = load(file)
-    for name in protocol.companions:
-        storage.write_bytes(kept.with_name(name), companion(protocol, name))
+    copies = {kept.with_name(name): companion(protocol, name) for name in protocol.companions}
+    for copy, content in copies.items():
+        if copy.exists() and storage.read_bytes(copy, LARGEST) != content:
+            allowed = f"a name of its own, for {copy} is another file"
+            problem = mismatch("file", None, copy.name, allowed, "rename it in the protocol too, and seal that again")
+            raise ProtocolError.in_file(file, [problem])
+    for copy, content in copies.items():
+        storage.write_bytes(copy, content)
     storage.write_bytes(kept, storage.read_bytes(file))
 
 

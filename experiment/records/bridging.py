@@ -28,8 +28,8 @@ def shifted(contents: Contents) -> Iterator[tuple[Entry, int]]:
 
 def set_back_ns(contents: Contents) -> int:
     """Return how far the clock was set back at least while a session was paused, all times together, ns."""
-    shifts = [shift_ns for entry, shift_ns in shifted(contents) if isinstance(entry, Resumed)]
-    return sum(shifts)
+    shifts = [0, *(shift_ns for entry, shift_ns in shifted(contents) if isinstance(entry, Resumed))]
+    return sum(max(0, after - before) for before, after in pairwise(shifts))
 
 
 def _by_uptime(before: Sequence[Line], after: Sequence[Line]) -> int:

@@ -230,13 +230,18 @@ def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | 
 def sharing(protocol_file: Path, participant: str, agreed: bool, *, root: Path | None) -> date | None:
     """Record whether a participant's data may be shared; return the day on which they last were, None if never.
 
-    Raises `RosterError` if the protocol shares none, or the participant is not active.
+    Raises `RosterError` if the protocol shares none, or the participant is not active, and `DatasetError` for a version
+    that is not on record.
     """
-    if files.load(protocol_file).sharing is None:
+    protocol = files.load(protocol_file)
+    if protocol.sharing is None:
         raise RosterError(protocol_file, "has no table [sharing]", "this study shares no data, and asks nobody")
-    known = Roster.continued(storage.roster_path(study_begun(protocol_file, root)))
+    root = study_begun(protocol_file, root)
+    if not _is_version(root, protocol):
+        raise _other_version(root, protocol_file)
+    known = Roster.continued(storage.roster_path(root))
     known.check_enrolled(participant)
-    known.agree_to_sharing(participant, agreed, day(wall_ns()))
+    known.agree_to_sharing(participant, agreed, protocol, day(wall_ns()))
     return known.shared.get(participant)
 
 

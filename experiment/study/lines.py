@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from palpate.experiment.protocol.models import Sharing
 from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.load import Line
 
@@ -50,6 +51,11 @@ class Eligible(Entry):
 def criteria_sha256(criteria: Iterable[str]) -> str:
     """Return the SHA-256 of these criteria, one a line, 64 hexadecimal digits."""
     return hashlib.sha256("\n".join(" ".join(one.split()) for one in criteria).encode()).hexdigest()
+
+
+def sharing_sha256(rule: Sharing | None) -> str:
+    """Return the SHA-256 of what participants are asked to share, 64 hexadecimal digits; empty for nothing."""
+    return hashlib.sha256(rule.model_dump_json(exclude_defaults=True).encode()).hexdigest() if rule else ""
 
 
 class Informed(Entry):

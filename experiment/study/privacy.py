@@ -2,9 +2,12 @@
 
 import re
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from palpate.experiment import storage
+from palpate.experiment.errors import PalpateError
+from palpate.experiment.protocol import files
 
 CLOSING = "take that from them (chmod -R go-rwx), or use a file system that has modes or is mounted for you alone"
 
@@ -48,5 +51,16 @@ _KNOWN = re.compile(
 
 def unknown_files(dataset: Path) -> list[str]:
     """Return the files of a dataset that palpate did not write, by their paths inside: a sync copy, say."""
-    files = (path.relative_to(dataset).as_posix() for path in dataset.rglob("*") if path.is_symlink() or path.is_file())
-    return sorted(path for path in files if not _KNOWN.fullmatch(path))
+    paths = (path.relative_to(dataset).as_posix() for path in dataset.rglob("*") if path.is_symlink() or path.is_file())
+    unknown = sorted(path for path in paths if not _KNOWN.fullmatch(path))
+    beside = _beside_protocols(dataset) if any(path.startswith("sourcedata/") for path in unknown) else ()
+    return [path for path in unknown if path not in beside]
+
+
+def _beside_protocols(dataset: Path) -> set[str]:
+    """Return the files that stand beside the dataset's protocols, as far as these can be read."""
+    known = set[str]()
+    for path in storage.protocol_paths(dataset):
+        with suppress(PalpateError):
+            known.update(f"sourcedata/{name}" for name in files.load(path).companions)
+    return known

@@ -26,7 +26,7 @@ from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import VISIBLE, Line
 from palpate.experiment.study.approvals import Approvals, Approved, Stopped
-from palpate.experiment.study.lines import Eligible, Incident, Informed, criteria_sha256
+from palpate.experiment.study.lines import Eligible, Incident, Informed, criteria_sha256, sharing_sha256
 from palpate.experiment.study.schedule import labels, stranger
 
 FORMAT: Literal[2] = 2
@@ -113,11 +113,15 @@ class Voices(Entry):
 
 
 class Sharing(Entry):
-    """A participant agreed that their data are shared, or did not; the last such line holds for what is shared next."""
+    """A participant agreed that their data are shared, or did not; the last such line holds for what is shared next.
+
+    The hash is that of the protocol's table, as `sharing_sha256` has it: who agreed to another is asked anew.
+    """
 
     kind: Literal["sharing"] = "sharing"
     participant: str
     agreed: bool
+    sharing_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     told_on: date
 
 
@@ -166,13 +170,14 @@ class Roster:
     `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
     `withdrawn` holds the reasons of those who withdrew, `erased` those whose data were deleted, and `revealed` the days
     on which a concealed order was first shown. `voices` tells, of each who was asked, whether the sound of their
-    answers may be kept, and `sharing` whether their data may be shared; `shared` has the days on which data of theirs
-    last were. `takes` names, for each who came after the planned ones, the participant whose place they took.
-    `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line has it; None in a study
-    that began before such lines. `approved` are the approvals after the first, `stopped` what suspended or ended them,
-    and `consented` the number of the approval to whose version each participant consented. `consents` has the days of
-    all their consents, as corrected. `incidents` are adverse events and deviations, which name nobody. `eligible` has
-    the hash of the criteria that each participant was confirmed to meet. `now_ns` tells the time of a new line.
+    answers may be kept, and `sharing` the hash of what they agreed to share, empty if nothing; `shared` has the days on
+    which data of theirs last were. `takes` names, for each who came after the planned ones, the participant whose place
+    they took. `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line has it; None
+    in a study that began before such lines. `approved` are the approvals after the first, `stopped` what suspended or
+    ended them, and `consented` the number of the approval to whose version each participant consented. `consents` has
+    the days of all their consents, as corrected. `incidents` are adverse events and deviations, which name nobody.
+    `eligible` has the hash of the criteria that each participant was confirmed to meet. `now_ns` tells the time of a
+    new line.
     """
 
     path: Path
@@ -182,7 +187,7 @@ class Roster:
     revealed: dict[str, date] = field(default_factory=dict)
     takes: dict[str, str] = field(default_factory=dict)
     voices: dict[str, bool] = field(default_factory=dict)
-    sharing: dict[str, bool] = field(default_factory=dict)
+    sharing: dict[str, str] = field(default_factory=dict)
     shared: dict[str, date] = field(default_factory=dict)
     approved: list[Approved] = field(default_factory=list)
     stopped: list[Stopped] = field(default_factory=list)
@@ -265,9 +270,10 @@ class Roster:
         wanted = protocol.eligibility
         return not wanted.confirmed or self.eligible.get(participant) == criteria_sha256(wanted.criteria)
 
-    def agree_to_sharing(self, participant: str, agreed: bool, today: date) -> None:
-        """Record whether data may be shared from now on. Raises `RosterError` if not enrolled, or withdrawn."""
-        self._append(Sharing, participant=participant, agreed=agreed, told_on=today)
+    def agree_to_sharing(self, participant: str, agreed: bool, protocol: Protocol, today: date) -> None:
+        """Record whether data may be shared as a protocol says. Raises `RosterError` if not enrolled, or withdrawn."""
+        sha256 = sharing_sha256(protocol.sharing)
+        self._append(Sharing, participant=participant, agreed=agreed, sharing_sha256=sha256, told_on=today)
 
     def share(self, participants: tuple[str, ...], today: date) -> None:
         """Record that data are shared. Raises `RosterError` for somebody who has not agreed, or withdrew."""
@@ -310,8 +316,8 @@ class Roster:
         return max([today, *(day(link.t_ns) for link in self.lines.links[-1:])])
 
     def may_share(self, participant: str) -> bool:
-        """Return whether a participant's data may be shared: they agreed last, and take part."""
-        return self.sharing.get(participant, False) and participant not in self.withdrawn
+        """Return whether a participant's data may be shared at all: they agreed last, and take part."""
+        return bool(self.sharing.get(participant)) and participant not in self.withdrawn
 
     def has_erased(self, file: str) -> bool:
         """Return whether a file of the dataset, by its path inside, was of a participant whose data were deleted."""
@@ -442,7 +448,7 @@ class Roster:
                 self.eligible[participant] = entry.criteria_sha256
             return
         if isinstance(entry, Sharing):
-            self.sharing[participant] = entry.agreed
+            self.sharing[participant] = entry.sharing_sha256 if entry.agreed else ""
             return
         self._apply_consent(entry, known)
 

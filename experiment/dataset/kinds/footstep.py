@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker import frames
@@ -18,7 +19,6 @@ from palpate.experiment.records import bridging, entries
 from palpate.experiment.records.journal import Contents
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
 from palpate.experiment.records.stimulus import Onset, Stimulus
-from palpate.experiment.storage import rig_path
 
 LONGEST_GAP_S = 600.0
 """After a longer pause the foot trace continues in a new recording."""
@@ -57,7 +57,7 @@ def placed_steps(path: Path, contents: Contents) -> list[Placed]:
     steps: list[Placed] = []
     for entry, shift_ns in bridging.shifted(contents):
         if isinstance(entry, entries.TrackerOpened):
-            zero_ns = entry.t_ns if zero_ns is None else zero_ns
+            zero_ns = entry.t_ns + shift_ns if zero_ns is None else zero_ns
         elif isinstance(entry, Zeroed):
             zero_mm = entry.offset_mm
         elif isinstance(entry, FootStep | BrokenOff):
@@ -138,7 +138,7 @@ def write_foot(
     if not parts_of_steps:
         return
     header = contents.header
-    rig = rigs.session_rig(rig_path(path), header.rig_sha256)
+    rig = rigs.session_rig(storage.rig_path(path), header.rig_sha256)
     tracker = tracker_of(rig)
     rate_hz = tracker.rate_hz
     places: list[NDArray[np.float64]] = []
@@ -152,6 +152,12 @@ def write_foot(
     onward = np.diff(np.concatenate(places))
     cuts = np.flatnonzero(onward > LONGEST_GAP_S * rate_hz) + 1
     parts = (np.split(np.concatenate(whole), cuts) for whole in (places, read_mm))
+    own = bids.beh_path(root, header.participant, header.task, "recording-foot")
+    # Earlier versions cut the trace at a clock that was set back too.
+    for trace in own.parent.glob(f"{own.name}*_physio.*"):
+        numbered = trace.name.removeprefix(own.name).partition("_")[0]
+        if numbered.isdecimal() and int(numbered) > len(cuts) + 1:
+            storage.remove(trace)
     for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
         place = (on_grid - on_grid.min()).astype(np.int64)
         grid = np.full((int(place.max()) + 1, tracker.readings), np.nan)

@@ -29,6 +29,7 @@ from palpate.experiment.errors import DatasetError, Remedy, RosterError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal, software
+from palpate.experiment.study.lines import sharing_sha256
 from palpate.experiment.study.roster import Roster
 
 OWN = ("participant_id", "first_task", "withdrawn", "origin")
@@ -171,7 +172,8 @@ def _chosen(dataset: Dataset, listed: Sequence[str]) -> tuple[list[str], dict[st
         words = "if its board allows it, add that table, seal the amended protocol, and record it: {}"
         remedy = Remedy(words, ("palpate", "amend", "PROTOCOL"), suffices=False)
         raise DatasetError(dataset.root, "its protocol has no table [sharing], so nothing may be shared", remedy)
-    reasons = {label: _absent(roster, label, listed) for label in roster.consent_on}
+    terms = sharing_sha256(dataset.protocol.sharing)
+    reasons = {label: _absent(roster, terms, label, listed) for label in roster.consent_on}
     chosen = [label for label in listed if not reasons[label]]
     if not chosen:
         remedy = Remedy("record who agrees: {}", ("palpate", "consent", "PROTOCOL", "-p", "LABEL", "--sharing"))
@@ -179,7 +181,7 @@ def _chosen(dataset: Dataset, listed: Sequence[str]) -> tuple[list[str], dict[st
     return chosen, dict(sorted(Counter(why for why in reasons.values() if why).items()))
 
 
-def _absent(roster: Roster, label: str, listed: Sequence[str]) -> str:
+def _absent(roster: Roster, terms: str, label: str, listed: Sequence[str]) -> str:
     """Return why a participant is not shared; empty if they are."""
     if label in roster.withdrawn:
         return "withdrew"
@@ -187,6 +189,8 @@ def _absent(roster: Roster, label: str, listed: Sequence[str]) -> str:
         return "not asked"
     if not roster.sharing[label]:
         return "declined"
+    if roster.sharing[label] != terms:
+        return "agreed to another [sharing]"
     return "" if label in listed else "no session"
 
 

@@ -20,4 +20,5 @@ WORDS = DesignWords(
     ),
     asked=_question_words,
     ranked=lambda protocol: f"From the least {named(protocol.table(Comparison).quality)} to the most:",
+    index="The share of trials in which a participant named one of two materials, for each task and pair.",
 )

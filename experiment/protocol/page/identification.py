@@ -14,4 +14,5 @@ WORDS = DesignWords(
         "logit with participants": "logit in which participants differ in level, by material and by task",
         "order of tasks": "exact test over participants of the order in which they did the tasks",
     },
+    index="The share of right answers of a participant, for each task and material.",
 )

@@ -13,9 +13,9 @@ from palpate.experiment.errors import ProtocolError
 from palpate.experiment.protocol import approval, rendering
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.blocks import Block, Free, Item, Quoted, Said, count, facts, named, number
-from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import sections
+from palpate.experiment.protocol.page.words import design_words
 
 OPEN = sealing.UNFILLED
 NOT_READ = "give what `palpate power PROTOCOL --json` printed"
@@ -107,9 +107,7 @@ def _form(
         },
         "Analysis Plan": {
             "Statistical models": list(page["Planned analysis"]),
-            "Transformations": [
-                Said("Shares of answers of each participant, task and material; no other transformation is planned.")
-            ],
+            "Transformations": list(_transformations(protocol)),
             "Inference criteria": list(_criteria(protocol)),
             "Data exclusion": list(page["Exclusion rules"]),
             "Missing data": [
@@ -154,10 +152,21 @@ def _rationale(power: Mapping[str, Any] | None) -> Iterator[Block]:
 
 
 def _indices(protocol: Protocol) -> Iterator[Block]:
-    if design_of(protocol.tasks[0].design).intervals == 1:
-        yield Said("The share of right answers of a participant, for each task and material.")
+    index = _index(protocol)
+    yield Said(index) if index else _open("what is computed of a participant's answers: a mean or a threshold, say")
+
+
+def _transformations(protocol: Protocol) -> Iterator[Block]:
+    if _index(protocol):
+        yield Said("Shares of answers of each participant, task and material; no other transformation is planned.")
     else:
-        yield Said("The share of trials in which a participant named one of two materials, for each task and pair.")
+        yield _open("what is done to answers before they are analysed, logarithms say, or nothing")
+
+
+def _index(protocol: Protocol) -> str:
+    """Return which share of answers is analysed; empty where it is none, as with levels that follow the answers."""
+    leveled = any(task.levels for task in protocol.tasks)
+    return "" if leveled else design_words(protocol.tasks[0]).index
 
 
 def _criteria(protocol: Protocol) -> Iterator[Block]:

@@ -37,6 +37,7 @@ class DesignWords:
         asked: what is asked about what is presented.
         ranked: in which order materials are listed.
         tests: how planned tests are called where their name does not say it.
+        index: what is computed of each participant's answers, where one number of them is what is analysed.
     """
 
     answers: Callable[[Protocol], Sequence[tuple[str | None, str]]]
@@ -44,6 +45,7 @@ class DesignWords:
     asked: Callable[[Protocol], str] = lambda _: ""
     ranked: Callable[[Protocol], str] = lambda _: ""
     tests: Mapping[str, str] = field(default_factory=dict)
+    index: str = ""
 
 
 def kind_words(task: Task) -> KindWords:

@@ -54,6 +54,8 @@ def report(
 def inform(root: Path, number: int, informed_on: date) -> Incident:
     """Put on record that the board was informed of an incident, and return that. Raises `RosterError`."""
     roster = Roster.continued(storage.roster_path(root))
+    for one in roster.incidents[number - 1 : number]:
+        check_days(one.happened_on, informed_on, roster.known_day(day(wall_ns())))
     roster.inform(Informed(number=number, informed_on=informed_on))
     return roster.incidents[number - 1]
 

@@ -221,6 +221,36 @@ def test_a_pause_is_as_long_as_the_machine_was_on_where_it_can_tell() -> None:
     # The last line is 30 s after the uptime of 100 s, which was at 5 s: at 35 s, and the clock says 3 s.
     shifts = [shift_ns // 10**9 for _, shift_ns in bridging.shifted(journal.Contents(tuple(lines)))]
     assert shifts == [0, 0, 0, 32, 32]
+    again = [(36 + 3 - 32, Footer(reason="paused", answered=0)), (8, Resumed(torn="", remaining=()))]
+    lines += [journal.Line(at_s * 10**9, entry) for at_s, entry in again]
+    assert bridging.set_back_ns(journal.Contents(tuple(lines))) == 32 * 10**9
+
+
+def test_times_count_from_the_tracker_where_the_clock_was_set_back_before_it_opened(tmp_path: Path) -> None:
+    clock = ManualClock(START_NS)
+    assert run(tmp_path, clock, Wandering(clock, 0.0), "cc", 2).reason == "complete"
+    path = storage.journal_path(tmp_path, "01", "real")
+    contents = journal.read(path)
+    early = [(0, contents.header), (3600, Footer(reason="paused", answered=0))]
+    lines = [journal.Line(START_NS + at_s * 10**9, entry) for at_s, entry in early]
+    lines += [journal.Line(contents.lines[0].t_ns, Resumed(torn="", remaining=())), *contents.lines[1:]]
+    later = [placed.at_s for placed in placed_steps(path, journal.Contents(tuple(lines)))]
+    assert later == pytest.approx([placed.at_s for placed in placed_steps(path, contents)])
+
+
+def test_a_trace_that_an_earlier_version_cut_in_two_is_one_again(tmp_path: Path) -> None:
+    clock = ManualClock(START_NS)
+    assert run(tmp_path, clock, Wandering(clock, 0.0), "cc", 2).reason == "complete"
+    path = storage.journal_path(tmp_path, "01", "real")
+    contents = journal.read(path)
+    beh = tmp_path / "sub-01" / "beh"
+    beh.mkdir(parents=True, exist_ok=True)
+    names = [f"sub-01_task-real_recording-{one}_physio.tsv.gz" for one in ("foot", "foot2", "footpad", "ecg")]
+    for name in names[1:]:
+        (beh / name).write_bytes(b"")
+    parts = build.raw_frames(path, [one.step for one in placed_steps(path, contents)])
+    write_foot(tmp_path, path, contents, parts, "REHEARSAL")
+    assert {one.name for one in beh.glob("*.gz")} == {names[0], *names[2:]}
 
 
 def test_a_planar_trace_keeps_the_place_along_the_face_as_a_column(tmp_path: Path) -> None:

@@ -13,8 +13,10 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.errors import ProtocolError
 from palpate.experiment.protocol.files import load, shipped
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page.preregistration import text
 from tests.approved import Refuses
+from tests.experiment.protocol import leveled, rating
 
 PARTS = ["Study Information", "Design Plan", "Sampling Plan", "Variables", "Analysis Plan", "Other"]
 """https://osf.io/prereg"""
@@ -36,6 +38,15 @@ def test_the_plan_of_a_published_study(study: str, approved: SnapshotAssertion) 
     assert [above for above, below in pairwise(lines) if set(below) == {"-"}] == PARTS
     assert max(map(len, lines)) <= 92
     assert shown == approved
+
+
+@pytest.mark.parametrize("study", [rating.protocol(), leveled.protocol(leveled.footsteps())])
+def test_a_study_whose_answers_are_no_shares_leaves_what_is_computed_of_them_open(
+    study: Protocol, tmp_path: Path
+) -> None:
+    shown = text(study, tmp_path / "study.toml", date(2026, 4, 1))
+    asked = shown.partition("\nIndices:\n")[2].split()[:3], shown.partition("\nTransformations:\n")[2].split()[:3]
+    assert asked == (["TO", "BE", "FILLED"],) * 2
 
 
 def test_simulated_power_is_the_reason_for_the_number_of_participants(tmp_path: Path, refuses: Refuses) -> None:

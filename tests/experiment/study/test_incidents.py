@@ -11,9 +11,10 @@ import pytest
 import palpate as library
 from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.dataset import build, status, verify
+from palpate.experiment.dataset import build, checks, status, tables, verify
+from palpate.experiment.dataset.register import LOG
 from palpate.experiment.desk.messages import TellIncident
-from palpate.experiment.errors import RosterError
+from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Note
 from palpate.experiment.session import remarks
@@ -92,6 +93,34 @@ def test_a_command_records_lists_and_tells_of_the_board(study: MadeStudy, palpat
         assert palpate("incident", study.file, *given, *on)[0] == 2
 
 
+def test_a_session_that_takes_no_note_leaves_the_event_on_record_once(study: MadeStudy, palpate: Palpate) -> None:
+    what = ("--deviation", "The door was open.", "--done", "It was closed.", "--dataset", study.root)
+    with journal.locked(storage.participant_folder(study.root, "01"), "01"):
+        assert palpate("incident", study.file, *what, "-p", "01")[0] == 0
+    assert (on_record(study), notes(study.journal())) == ([(1, "deviation", what[1])], [])
+    assert (study.root / LOG).exists()
+
+
+def test_tables_that_lack_what_the_roster_tells_of_an_event_are_older(study: MadeStudy) -> None:
+    def refused() -> set[tuple[str, object]]:
+        return {(one.place(), one.remedy) for one in verify.verify(study.root).findings if one.refuses}
+
+    again = checks.build_again(study.root, "make it again")
+    report(study.protocol, study.root, "deviation", what="b", done="c")
+    assert refused() == {("dataset_description.json", again)}
+    build.build(study.root)
+    incidents.inform(study.root, 1, date.today())
+    assert refused() == {("dataset_description.json", again)}
+    build.build(study.root)
+    assert refused() == set()
+    path = study.root / "dataset_description.json"
+    known = storage.json_of(path.read_bytes())
+    del known["Palpate"]["Incidents"]
+    storage.write_json(path, known)
+    with pytest.raises(DatasetError):
+        tables.check_analysed(study.root)
+
+
 def test_what_happened_stays_after_an_erasure_and_says_of_nobody(study: MadeStudy) -> None:
     report(study.protocol, study.root, "adverse event", what="Felt dizzy.", done="A chair was given.")
     withdrawal.withdraw(study.file, "01", "asked to stop", root=study.root, rebuild=build.build, erase=True)
@@ -112,3 +141,8 @@ def test_a_day_to_come_and_a_text_that_is_no_line_are_refused(study: MadeStudy) 
     with pytest.raises(RosterError):
         incidents.inform(study.root, 1, date.today())
     assert on_record(study) == []
+    report(study.protocol, study.root, "deviation", what="b", done="c")
+    for day in (ahead, date.today() - timedelta(days=2)):
+        with pytest.raises(RosterError):
+            incidents.inform(study.root, 1, day)
+    assert Roster.load(storage.roster_path(study.root)).incidents[0].informed_on is None

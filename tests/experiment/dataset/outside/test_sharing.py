@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +140,21 @@ def test_whoever_withdraws_or_takes_it_back_is_in_no_later_copy(study: MadeStudy
     assert second.absent == {"declined": 1, "no session": 1, "withdrew": 1}
     assert not storage.shared_label_path(study.root, "02").exists()
     assert verify(study.root).refused == 0
+
+
+def test_an_agreement_holds_for_the_table_that_was_agreed_to_and_is_of_an_approved_version(study: MadeStudy) -> None:
+    dataset = tables.check_tables(study.root)
+    assert dataset.protocol.sharing is not None
+    rule = dataset.protocol.sharing.model_copy(update={"smallest_group": 1})
+    wider = replace(dataset, protocol=dataset.protocol.model_copy(update={"sharing": rule}))
+    assert sharing._chosen(dataset, ["01", "02"])[0] == ["01", "02"]
+    with pytest.raises(RosterError):
+        sharing._chosen(wider, ["01", "02"])
+    draft = study.file.read_text("utf-8").replace("smallest_group = 2", "smallest_group = 1")
+    study.file.write_text(draft, "utf-8")
+    with pytest.raises(DatasetError):
+        agree(study, "04")
+    assert "04" not in Roster.load(storage.roster_path(study.root)).sharing
 
 
 def test_a_copy_of_everybody_has_the_same_trials_and_is_not_pooled_with_the_original(

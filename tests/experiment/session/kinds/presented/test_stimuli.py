@@ -10,7 +10,10 @@ import pytest
 import tomlkit
 from scipy.io import wavfile
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.dataset.checks import Sessions
+from palpate.experiment.dataset.verify import companions
 from palpate.experiment.errors import ProtocolError, RecordingError, SynthesisError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import ProtocolFile, shipped
@@ -18,6 +21,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session.kinds.presented import fidelity
 from palpate.experiment.session.kinds.presented.plan import plan
 from palpate.experiment.session.kinds.presented.stimuli import rendered
+from palpate.experiment.study import privacy
 from tests.experiment.protocol.presented import RECORDED, presenting
 from tests.experiment.protocol.small import changed
 
@@ -75,6 +79,23 @@ def test_a_copy_of_a_protocol_has_its_recordings_beside_it(tmp_path: Path) -> No
     np.testing.assert_array_equal(
         rendered(load(copy), 5000)["felt"].waveform_m_s2, rendered(load(study), 5000)["felt"].waveform_m_s2
     )
+
+
+def test_a_kept_recording_gives_way_to_no_other_and_is_verified(tmp_path: Path) -> None:
+    study, root = recording(tmp_path), tmp_path / "dataset"
+    first, kept = (tmp_path / "felt.wav").read_bytes(), storage.protocol_path(root)
+    storage.people_folder(root)
+    files.keep(study, kept)
+    files.keep(study, storage.protocol_path(root, 2))
+    files.keep(recording(tmp_path, seconds=1.6), tmp_path / "elsewhere.toml")
+    with pytest.raises(ProtocolError):
+        files.keep(study, storage.protocol_path(root, 3))
+    assert kept.with_name("felt.wav").read_bytes() == first
+    assert not storage.protocol_path(root, 3).exists()
+    assert privacy.unknown_files(root) == []
+    assert {one.verdict for one in companions(Sessions(root))} == {"passes"}
+    kept.with_name("felt.wav").write_bytes(first + b"\0")
+    assert {one.verdict for one in companions(Sessions(root))} == {"refuses"}
 
 
 def test_a_frequency_that_the_rate_does_not_carry_is_refused() -> None:
