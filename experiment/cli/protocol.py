@@ -239,6 +239,7 @@ def check(
 
     try:
         protocol = files.load(protocol_file)
+        files.companions(protocol)
     except ProtocolError as error:
         if as_json:
             options.put(

@@ -356,7 +356,12 @@ class LinkedConsole:
                 self._repeated = wanted
                 self._pick(wanted, asked, ESCAPE, monotonic_ns())
                 return True, f"Trial {wanted.trial} is done again at the end of its block."
-        return session.remark(wanted)
+        done = session.remark(wanted)
+        with self._changed:
+            asked = self._view.question
+            if done[0] and asked is not None and asked.kind == "play" and not self._pressed:
+                self._pick(wanted, asked, ESCAPE, monotonic_ns())
+        return done
 
     # What the session asks, from its own.
 

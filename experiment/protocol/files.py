@@ -63,6 +63,11 @@ def companion(protocol: Protocol, name: str) -> bytes:
     return content
 
 
+def companions(protocol: Protocol) -> dict[str, bytes]:
+    """Return the files that stand beside a protocol's, by name. Raises as `companion`."""
+    return {name: companion(protocol, name) for name in protocol.companions}
+
+
 def keep(file: Path, kept: Path) -> None:
     """Copy a protocol's file with those beside it, which come first.
 
@@ -70,7 +75,7 @@ def keep(file: Path, kept: Path) -> None:
     version, whose trials presented it.
     """
     protocol = load(file)
-    copies = {kept.with_name(name): companion(protocol, name) for name in protocol.companions}
+    copies = {kept.with_name(name): content for name, content in companions(protocol).items()}
     for copy, content in copies.items():
         if copy.exists() and storage.read_bytes(copy, LARGEST) != content:
             allowed = f"a name of its own, for {copy} is another file"

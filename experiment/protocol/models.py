@@ -215,6 +215,11 @@ class KindTable(Confined):
         """The files that stand beside the protocol's, by name, each with its SHA-256."""
         return {}
 
+    @property
+    def trial_s(self) -> float:
+        """How long the stimuli of a trial take at most, with pauses between them, s; 0 where a touch makes them."""
+        return 0.0
+
 
 Table = TypeVar("Table", bound=Confined)
 

@@ -9,7 +9,7 @@ from typing import Any
 NO_ANSWER = "(none)"
 """How a trial without an answer stands in tables."""
 
-PLACES = ("first", "second", "third")
+PLACES = ("first", "second")
 """Columns of what a trial presents where it presents several."""
 
 Columns = Mapping[str, Mapping[str, object]]

@@ -49,7 +49,10 @@ class RealEnds(FarEnds):
         if sitting.rig.accelerometer is None:
             return actuator
         listening = import_module("palpate.experiment.apparatus.panel.listening")
-        heard: Actuator = listening.open_heard(actuator, sitting.rig, sitting.rig_file.parent, sitting.clock, opened)
+        trial_s = sitting.protocol.kind_table(sitting.protocol.task(sitting.task_id)).trial_s
+        heard: Actuator = listening.open_heard(
+            actuator, sitting.rig, sitting.rig_file.parent, sitting.clock, opened, trial_s
+        )
         return heard
 
     def check(self, tracker: Tracker, rig: Rig) -> None:

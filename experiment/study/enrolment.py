@@ -8,6 +8,7 @@ journal's header; without the salt the hash proves nothing.
 
 import hashlib
 import secrets
+from collections.abc import Iterable
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
@@ -283,7 +284,9 @@ def settle(
 ) -> int:
     """Save protocol, seed and purpose at the first call, the protocol last; later calls must match."""
     kept, lock = storage.protocol_path(root), root / "sourcedata" / LOCK
-    if not kept.exists() and any(_of_something_else(path.relative_to(root)) for path in root.rglob("*")):
+    if not kept.exists() and any(
+        _of_something_else(path.relative_to(root), protocol.companions) for path in root.rglob("*")
+    ):
         raise DatasetError(root, "this folder holds something else", "choose another folder with --dataset")
     with storage.locked(lock):
         if not kept.exists():
@@ -323,8 +326,9 @@ def _is_version(root: Path, protocol: Protocol) -> bool:
     return approval.sha256(protocol) in known or approval.sha256(protocol) == approval.sha256(files.load(kept))
 
 
-def _of_something_else(path: Path) -> bool:
+def _of_something_else(path: Path, companions: Iterable[str]) -> bool:
     """Return whether a path is none that a refused or killed command leaves before the study begins."""
-    begun = {"sourcedata", "sourcedata/seed.json", f"sourcedata/{LOCK}", "sourcedata/.roster.jsonl.lock"}
+    begun = {f"sourcedata/{name}" for name in companions}
+    begun |= {"sourcedata", "sourcedata/seed.json", f"sourcedata/{LOCK}", "sourcedata/.roster.jsonl.lock"}
     temporary = path.parent.as_posix() in (".", "sourcedata") and storage.TEMPORARY.fullmatch(path.name)
     return not temporary and path.as_posix() not in begun

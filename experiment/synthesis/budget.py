@@ -5,7 +5,7 @@ For volts it assumes what equation (7) does: the panel answers each bin alone, w
 Each share is an rms, as a part of the rms requested, by Parseval over the bins. Every bin counts once, under what
 limited it last, so the squares of the shares add up:
 
-- `scene`: bins that the scene left out, because they are not felt;
+- `scene`: bins that the scene left out, because they are not felt, or that a recording has beyond the output rate;
 - `rate`: bins at or above half of the output rate;
 - `below`, `above`: bins outside the frequencies at which the panel was measured, or that its device carries; what a tap
   has at 0 Hz is below all that does not begin there;

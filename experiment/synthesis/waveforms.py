@@ -53,12 +53,12 @@ class Ring:
 
     waveform_m_s2: NDArray[np.float64]
     rate_hz: int
+    omitted_m_s2: tuple[float, float] = (0.0, 0.0)
     occasion: ClassVar[str] = "tap"
     method: ClassVar[str] = "equation (2)"
     band: ClassVar[str] = ""
     extrapolated: ClassVar[bool] = False
     floored_bins: ClassVar[int] = 0
-    omitted_m_s2: ClassVar[tuple[float, float]] = (0.0, 0.0)
 
     @property
     def mean_m_s2(self) -> float:

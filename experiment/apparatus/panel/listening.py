@@ -98,8 +98,10 @@ class HeardActuator:
         return compare(heard, moved, rate_hz=rate_hz)
 
 
-def open_heard(actuator: Actuator, rig: Rig, folder: Path, clock: Clock, opened: ExitStack) -> Actuator:
+def open_heard(actuator: Actuator, rig: Rig, folder: Path, clock: Clock, opened: ExitStack, trial_s: float) -> Actuator:
     """Return an actuator of a panel that `drift.is_heard`, listened to from now on until `opened` closes; else itself.
+
+    What is heard is held for as long as a trial presents, `trial_s`, and `accelerometer.RING_S` besides.
 
     Raises `RigError` for the response in `folder`, and `RecordingError` for a sensor that sends nothing.
     """
@@ -108,5 +110,5 @@ def open_heard(actuator: Actuator, rig: Rig, folder: Path, clock: Clock, opened:
     movement = open_movement(folder, measured, rate_hz=rig.actuator.rate_hz)
     sensor = PcmAccelerometer(settings_of(rig), clock=clock)
     opened.callback(sensor.close)
-    sensor.arm(0)
+    sensor.arm(round(trial_s * sensor.rate_hz))
     return cast("Actuator", HeardActuator(actuator, sensor, movement, clock))

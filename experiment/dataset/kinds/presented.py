@@ -1,6 +1,6 @@
 """Presented stimuli in a dataset: a row for each presentation, on the session's clock."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from palpate.experiment.dataset.build import Cells, DatasetKind
@@ -28,7 +28,7 @@ def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
 
 
 def _played(intervals: Sequence[Interval], begun_ns: int) -> Cells:
-    """Return the cells of what a trial presented: times are of the last stimulus, and shares of the worst."""
+    """Return the cells of what a trial presented: times are of the last stimulus, each share of the worst."""
     last, heard = intervals[-1], intervals[-1].delivered
     worst = max((one.stimulus.computed for one in intervals), key=lambda made: made.relative_error)
     off_ms = None if heard is None else heard.onset_error_ms
@@ -37,10 +37,16 @@ def _played(intervals: Sequence[Interval], begun_ns: int) -> Cells:
         "duration": last.stimulus.lasts_s,
         "stimulus_method": worst.method,
         "stimulus_error": round(worst.relative_error, 9),
-        "left_out": None if worst.left_out is None else round(worst.left_out, 9),
-        "dissimilarity": None if worst.dissimilarity_m_s2 is None else round(worst.dissimilarity_m_s2, 9),
+        "left_out": _most(one.stimulus.computed.left_out for one in intervals),
+        "dissimilarity": _most(one.stimulus.computed.dissimilarity_m_s2 for one in intervals),
         **({} if off_ms is None else {"delivery_error": round(off_ms / 1e3, 6)}),
     }
+
+
+def _most(shares: Iterable[float | None]) -> float | None:
+    """Return the largest share that is known, rounded; None for none."""
+    known = [one for one in shares if one is not None]
+    return round(max(known), 9) if known else None
 
 
 DATASET = DatasetKind(_cells)

@@ -96,7 +96,7 @@ FAILED = Phase("FAILED", "", RED)
 TRIED = Phase("ANSWER", "ANSWER", GREY, "Both surfaces are tried, or the answer is being written. Nothing is asked.")
 STEPPED = Phase("ANSWER", "ANSWER", GREY, "The step counts. Nothing is asked yet.")
 STEPPING = Phase("STEPPING", "STEPPING", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
-AGAIN = Phase("AGAIN", "ARMED", BLUE, "The {may} before did not count. {why}. The participant may {may} again.")
+AGAIN = Phase("AGAIN", "ARMED", BLUE, "The attempt before did not count. {why}. Again the participant may {may}.")
 DONE = Phase("TASK DONE", "", ORANGE)
 GONE = Phase("GONE", "", RED)
 

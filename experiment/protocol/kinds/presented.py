@@ -239,6 +239,11 @@ class Presented(KindTable):
     stimuli: Annotated[tuple[PresentedStimulus, ...], Field(min_length=1)]
 
     @property
+    def trial_s(self) -> float:
+        longest_s = max(one.lasts_s for one in self.stimuli)
+        return longest_s if self.pause_s is None else 2 * longest_s + self.pause_s
+
+    @property
     def companions(self) -> dict[str, str]:
         """The recordings that it names, each with its SHA-256."""
         parts = (part.recorded for one in self.stimuli for part in one.parts)
@@ -273,12 +278,17 @@ def _stimuli(table: Table, own: Table) -> Iterator[Broken]:
     had = [one.get("material") for _, one in tables_at(own, "stimuli")]
     if own and (without := [str(one) for one in ids if one not in had]):
         yield Broken(("presented", "stimuli"), f"one for each material, also for {', '.join(without)}")
-    peak = number_at(table_at(table, "exposure"), "vibration_peak_m_s2")
+    peak, hashes = number_at(table_at(table, "exposure"), "vibration_peak_m_s2"), dict[object, object]()
     for i, one in tables_at(own, "stimuli"):
         if had[i] not in ids or had[i] in had[:i]:
             allowed = f"one of the materials, each once: {', '.join(map(str, ids))}"
             yield Broken(("presented", "stimuli", i, "material"), allowed)
         for j, part in tables_at(one, "parts"):
+            recorded = table_at(part, "recorded")
+            sha256 = recorded.get("sha256")
+            if (first := hashes.setdefault(recorded.get("file"), sha256)) != sha256:
+                place = ("presented", "stimuli", i, "parts", j, "recorded", "sha256")
+                yield Broken(place, f"the same wherever this file is named ({first})")
             for name in WAVES:
                 strongest = number_at(table_at(part, name), "amplitude_m_s2")
                 if peak is not None and strongest is not None and strongest > peak:
@@ -286,4 +296,4 @@ def _stimuli(table: Table, own: Table) -> Iterator[Broken]:
                     yield Broken(place, f"at most exposure.vibration_peak_m_s2 ({peak:g})")
 
 
-KIND = ProtocolKind(table=Presented, since=7, intervals=(1, 2, 3), rules=_rules)
+KIND = ProtocolKind(table=Presented, since=7, intervals=(1, 2), rules=_rules)

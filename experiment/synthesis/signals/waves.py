@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis.spectra import grid, inverse_on, spectrum
+from palpate.experiment.synthesis.spectra import grid, inverse, inverse_on, spectrum
 from palpate.experiment.synthesis.waveforms import Ring
 
 Wave = NDArray[np.float64]
@@ -102,6 +102,17 @@ def resampled(at: Times, samples: Wave, *, recorded_hz: int) -> Wave:
     on = grid(samples=samples.size, bins=samples.size, rate_hz=recorded_hz, output_rate_hz=at.rate_hz)
     made = samples - samples.mean() if recorded_hz == at.rate_hz else inverse_on(spectrum(samples)[: on.carried], on)
     return np.asarray(np.pad(made[: at.at.size], (0, max(at.at.size - made.size, 0))))
+
+
+def uncarried(at: Times, samples: Wave, *, recorded_hz: int) -> Wave:
+    """Return what `resampled` leaves out of a recording, at its own rate, shape (m,): from half the wave's rate on.
+
+    Raises as `resampled`.
+    """
+    on = grid(samples=samples.size, bins=samples.size, rate_hz=recorded_hz, output_rate_hz=at.rate_hz)
+    bins = spectrum(samples)
+    bins[: on.carried] = 0.0
+    return inverse(bins)
 
 
 def silence(at: Times) -> Wave:

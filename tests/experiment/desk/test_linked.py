@@ -18,6 +18,7 @@ from palpate.experiment.desk.linked import LinkedConsole
 from palpate.experiment.desk.messages import (
     CLOSED,
     ENTER,
+    ESCAPE,
     Asked,
     By,
     Choose,
@@ -529,6 +530,18 @@ def test_a_trial_that_is_repeated_at_its_question_needs_no_key(bench: Bench, at:
         assert bench.do(Repeat(trial=3, reason="coughs"))[0]
     assert said.result(10).remark == Repeat(trial=3, reason="coughs")
     assert bench.attending.remarks == []
+
+
+def test_a_trial_that_is_repeated_before_it_is_set_off_needs_no_key(bench: Bench) -> None:
+    bench.asks(lambda: bench.linked.ask(Arm(3, 1, 4))).result(10)
+    for asked in (Play(3, "experimenter"), Play(3, "participant")):
+        said = bench.asks(partial(bench.linked.ask, asked))
+        bench.question("play")
+        assert bench.do(Repeat(trial=3, reason="coughs"))[0]
+        assert said.result(10).key == ESCAPE
+    assert bench.attending.remarks == [Repeat(trial=3, reason="coughs")] * 2
+    # It is closed once that is on record.
+    assert bench.attending.open_when_recorded == [True, True]
 
 
 @pytest.mark.parametrize("kind", [kind for kind in QUESTIONS if kind != "continue"])

@@ -10,6 +10,7 @@ import pytest
 from palpate.experiment.protocol.files import ProtocolFile, load, shipped
 from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.settings.load import find
+from tests.experiment.protocol.presented import RECORDED, presenting
 from tests.experiment.protocol.small import changed, with_tuples
 
 
@@ -57,3 +58,10 @@ def test_a_pause_is_stated_where_a_trial_presents_several() -> None:
     paired = changed(study(), ("tasks", 0, "design"), "comparison")
     assert "presented.pause_s" in {one.field for one in find(ProtocolFile, paired, {})}
     assert "presented.pause_s" not in {one.field for one in find(ProtocolFile, study(), {})}
+
+
+def test_a_file_that_is_named_twice_has_one_hash() -> None:
+    one = {"recorded": {**RECORDED["recorded"], "sha256": "1" * 64}}
+    (found,) = find(ProtocolFile, presenting(first=(RECORDED, one)), {})
+    assert found.field.endswith("parts[1].recorded.sha256")
+    assert not find(ProtocolFile, presenting(first=(RECORDED, RECORDED)), {})

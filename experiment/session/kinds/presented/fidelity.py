@@ -10,7 +10,7 @@ from pathlib import Path
 
 from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.rig import ActuatorRig, Rig
 from palpate.experiment.errors import Finding, PalpateError, Remedy, RigError
 from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
@@ -84,7 +84,7 @@ def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[
     most = protocol.table(Presented).left_out_max
     if most is None:
         return
-    if actuator.shaping is None and actuator.carries_hz is None and actuator.inverse_ahead_ms is None:
+    if not is_known(actuator):
         remedy: Remedy | str = "measure the panel, and write actuator.low_hz and high_hz into the rig file"
         yield Finding(UNKNOWN, where, allowed="a band that is known, by presented.left_out_max", remedy=remedy)
     for one in every:
@@ -93,19 +93,26 @@ def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[
             yield Finding(f"got {one.words}", where, allowed=allowed, remedy="present what this rig carries")
 
 
+def is_known(actuator: ActuatorRig) -> bool:
+    """Return whether somebody measured which frequencies an actuator carries."""
+    return actuator.shaping is not None or actuator.carries_hz is not None or actuator.inverse_ahead_ms is not None
+
+
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
-    """Return what a rig leaves out at most. Raises `RigError` for one that a session may not use."""
+    """Return what a rig leaves out at most, as far as somebody measured. Raises `RigError` for one that is refused."""
     refuse_unmeasured(rig_file, rig, today)
     every = on_rig(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     if (refused := next(refusals(protocol, rig, every), None)) is not None:
         raise RigError.at(refused)
     most = max(every, key=lambda one: one.left_out)
-    return f"at most {most.left_out:.2%} (rms) of {most.material} is left out" if most.left_out >= SHOWN else ""
+    told = f"at most {most.left_out:.2%} (rms) of {most.material} is left out" if most.left_out >= SHOWN else ""
+    return told if is_known(rig.actuator) else f"{UNKNOWN}; if it carries all, {told or 'nothing is left out'}"
 
 
 def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tuple[str, PalpateError | None]:
     """Return what the board reads of a rig, and why no participant is run on it, if so; raises as `on_rig`."""
     every = on_rig(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     refused = next(refusals(protocol, rig, every), None)
-    told = f"Rig '{rig.rig.name}' makes of the stimuli: {'; '.join(one.words for one in every)}."
+    unknown = "" if is_known(rig.actuator) else f": {UNKNOWN}; if it carries all, it"
+    told = f"Rig '{rig.rig.name}'{unknown} makes of the stimuli: {'; '.join(one.words for one in every)}."
     return told, None if refused is None else RigError.at(refused)

@@ -16,12 +16,16 @@ NEEDS = ("screen and keys", "journal", "actuator", "exposure account")
 
 @dataclass(frozen=True)
 class PresentedPlan:
-    """What one task needs, and what a rig makes of its stimuli; `refused` is empty where participants may be run."""
+    """What one task needs, and what a rig makes of its stimuli; `refused` is empty where participants may be run.
+
+    `unknown` says that nobody measured what the rig carries, so that it is taken to carry all.
+    """
 
     task: str
     title: str
     stimuli: tuple[Made, ...]
     refused: str
+    unknown: str
 
     def as_dict(self) -> dict[str, object]:
         """Return the plan for JSON."""
@@ -30,6 +34,7 @@ class PresentedPlan:
             "needs": list(NEEDS),
             "stimuli": [asdict(one) for one in self.stimuli],
             "refused": self.refused,
+            "unknown": self.unknown,
         }
 
     def text(self) -> str:
@@ -42,7 +47,7 @@ class PresentedPlan:
             "needs",
             *(f"  {need}" for need in NEEDS),
             "",
-            "stimuli",
+            f"stimuli: {self.unknown}; if it carries all" if self.unknown else "stimuli",
             *(f"  {one.words}" for one in self.stimuli),
         ]
         return "\n".join(
@@ -55,4 +60,5 @@ def plan(*, protocol: Protocol, rig: Rig, task: Task) -> PresentedPlan:
     every = fidelity.on_rig(protocol=protocol, rig=rig, rig_folder=rig.folder or Path())
     refused = next(fidelity.refusals(protocol, rig, every), None)
     own = tuple(one for one in every if one.material in protocol.materials_of(task))
-    return PresentedPlan(task.id, task.title, own, "" if refused is None else refused.sentence())
+    unknown = "" if fidelity.is_known(rig.actuator) else fidelity.UNKNOWN
+    return PresentedPlan(task.id, task.title, own, "" if refused is None else refused.sentence(), unknown)

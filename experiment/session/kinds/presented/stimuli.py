@@ -1,16 +1,18 @@
 """From what a protocol declares to the waveforms of a device's rate."""
 
 from collections.abc import Callable, Mapping
+from math import sqrt
 from typing import Any
 
 import numpy as np
 
 from palpate.experiment.errors import RecordingError, SynthesisError
 from palpate.experiment.protocol import files
-from palpate.experiment.protocol.kinds.presented import Part, Presented, Recorded
+from palpate.experiment.protocol.kinds.presented import Part, Presented, PresentedStimulus, Recorded
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.synthesis.signals import waves
 from palpate.experiment.synthesis.signals.waves import Declared, Times, Wave
+from palpate.experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, spectrum
 
 WAVES: Mapping[str, Callable[[Any, Times], Wave]] = {
     "sinusoid": lambda it, at: waves.sinusoid(at, frequency_hz=it.frequency_hz, amplitude_m_s2=it.amplitude_m_s2),
@@ -42,7 +44,9 @@ def rendered(protocol: Protocol, rate_hz: int) -> dict[str, Declared]:
     """
     return {
         one.material: Declared(
-            waves.joined([_part(protocol, part, rate_hz, one.material) for part in one.parts]), rate_hz
+            waves.joined([_part(protocol, part, rate_hz, one.material) for part in one.parts]),
+            rate_hz,
+            _uncarried(protocol, one, rate_hz),
         )
         for one in protocol.table(Presented).stimuli
     }
@@ -50,7 +54,10 @@ def rendered(protocol: Protocol, rate_hz: int) -> dict[str, Declared]:
 
 def scaled(stimulus: Declared, factor: float) -> Declared:
     """Return a stimulus times a factor."""
-    return stimulus if factor == 1.0 else Declared(factor * stimulus.waveform_m_s2, stimulus.rate_hz)
+    if factor == 1.0:
+        return stimulus
+    rms, felt = stimulus.omitted_m_s2
+    return Declared(factor * stimulus.waveform_m_s2, stimulus.rate_hz, (factor * rms, factor * felt))
 
 
 def peak_m_s2(stimulus: Declared) -> float:
@@ -67,11 +74,31 @@ def _part(protocol: Protocol, part: Part, rate_hz: int, material: str) -> Wave:
                 "than half of that; give a rig with a higher actuator.rate_hz"
             )
     at = waves.times(part.lasts_s, rate_hz)
-    made = _recording_wave(protocol, wave, at) if isinstance(wave, Recorded) else WAVES[name](wave, at)
+    if isinstance(wave, Recorded):
+        m_s2, recorded_hz = _recording(protocol, wave)
+        made = waves.resampled(at, m_s2, recorded_hz=recorded_hz)
+    else:
+        made = WAVES[name](wave, at)
     return waves.ramped(made, rate_hz=rate_hz, ramp_s=part.ramp_s)
 
 
-def _recording_wave(protocol: Protocol, wave: Recorded, at: Times) -> Wave:
+def _uncarried(protocol: Protocol, stimulus: PresentedStimulus, rate_hz: int) -> tuple[float, float]:
+    """Return what a rate does not carry of the recordings of a stimulus: its rms, and its sum in (6), m/s^2."""
+    energy, felt = 0.0, 0.0
+    for part in stimulus.parts:
+        if part.recorded is None:
+            continue
+        m_s2, recorded_hz = _recording(protocol, part.recorded)
+        left = waves.uncarried(waves.times(part.lasts_s, rate_hz), m_s2, recorded_hz=recorded_hz)
+        left, share = waves.ramped(left, rate_hz=recorded_hz, ramp_s=part.ramp_s), part.lasts_s / stimulus.lasts_s
+        energy += share * float(np.mean(left**2))
+        f = bin_frequencies_hz(bins=left.size, rate_hz=recorded_hz)
+        felt += share * float(np.abs(spectrum(left))[1:][f[1:] <= BAND_HZ[1]].sum())
+    return sqrt(energy), felt
+
+
+def _recording(protocol: Protocol, wave: Recorded) -> tuple[Wave, int]:
+    """Return the samples of a recording that are played, m/s^2, shape (m,), and their rate, Hz."""
     from palpate.experiment.recordings.wav import wav_samples
 
     stored_hz, stored = wav_samples(files.companion(protocol, wave.file), file=wave.file)
@@ -83,5 +110,4 @@ def _recording_wave(protocol: Protocol, wave: Recorded, at: Times) -> Wave:
     if stored.dtype.kind not in "if":
         raise RecordingError(wave.file, "got samples of 8 bits", "export it again", allowed="16 bits or more, or float")
     whole = float(np.iinfo(stored.dtype).max) + 1 if stored.dtype.kind == "i" else 1.0
-    m_s2 = samples.astype(np.float64) * (wave.full_scale_m_s2 / whole)
-    return waves.resampled(at, m_s2, recorded_hz=stored_hz)
+    return samples.astype(np.float64) * (wave.full_scale_m_s2 / whole), stored_hz

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel import listening
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.listening import AFTER_S, BEFORE_S, QUIETEST_DB, HeardActuator, compare
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RecordingError
+from palpate.experiment.protocol.files import shipped
 from palpate.experiment.synthesis.noticing import THIRDS_HZ
 from palpate.experiment.synthesis.waveforms import Ring
 
@@ -94,3 +99,31 @@ def test_what_was_heard_goes_on_record_with_its_stimulus_once_that_was_due(broke
     assert heard is not None
     assert devices.asked == [(round((5 - BEFORE_S) * 1e9), TONE.size + round((BEFORE_S + AFTER_S) * RATE_HZ))]
     assert (heard.peak_m_s2 is None, heard.problem != "") == (broken, broken)
+
+
+def test_what_was_heard_first_is_still_there_after_the_last_stimulus_of_a_trial(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    armed: list[int] = []
+
+    class Sensor(Devices):
+        def __init__(self, settings: Any, *, clock: ManualClock) -> None:
+            super().__init__(clock, broken=settings is None)
+
+        def arm(self, samples: int) -> None:
+            armed.append(samples)
+
+        def close(self) -> None:
+            pass
+
+    clock = ManualClock(0)
+    monkeypatch.setattr(listening, "PcmAccelerometer", Sensor)
+    monkeypatch.setattr(listening, "open_movement", lambda *_, **__: Devices(clock, broken=False))
+    rig: Any = rigs.load(shipped("rigs/rehearsal.toml"))
+    measured = rig.model_copy(update={"actuator": rig.actuator.model_copy(update={"measured": object()})})
+    monkeypatch.setattr(listening, "is_heard", lambda _: True)
+    devices: Any = Devices(clock, broken=False)
+    for trial_s in (0.0, 21.5):
+        with ExitStack() as opened:
+            listening.open_heard(devices, measured, Path(), clock, opened, trial_s)
+    assert armed == [0, round(21.5 * RATE_HZ)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,13 @@ from palpate.experiment.dataset.verify import companions
 from palpate.experiment.errors import ProtocolError, RecordingError, SynthesisError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import ProtocolFile, shipped
+from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session.kinds.presented import fidelity
 from palpate.experiment.session.kinds.presented.plan import plan
-from palpate.experiment.session.kinds.presented.stimuli import rendered
-from palpate.experiment.study import privacy
+from palpate.experiment.session.kinds.presented.stimuli import rendered, scaled
+from palpate.experiment.study import enrolment, privacy
+from tests.conftest import Palpate
 from tests.experiment.protocol.presented import RECORDED, presenting
 from tests.experiment.protocol.small import changed
 
@@ -123,3 +126,76 @@ def test_what_a_rig_leaves_out_is_at_most_what_the_protocol_allows() -> None:
     made = fidelity.on_rig(protocol=strict, rig=rig, rig_folder=RIG.parent)
     assert {one.material for one in made if one.left_out > 1e-6} == {"felt", "cork"}
     assert len([one for one in fidelity.refusals(strict, rig, made) if "left_out_max" in one.allowed]) == 2
+
+
+@pytest.mark.parametrize("ramp_s", [0.0, 0.1])
+def test_what_a_rate_does_not_carry_of_a_recording_is_left_out_on_record(tmp_path: Path, ramp_s: float) -> None:
+    """1 m/s^2 at 100 Hz and 10 at 4000: by Parseval 10 / sqrt(101) of the rms is beyond 2500 Hz."""
+    t = np.arange(44_100) / 44_100
+    wave = np.sin(2 * np.pi * 100 * t) + 10 * np.sin(2 * np.pi * 4000 * t)
+    wavfile.write(tmp_path / "felt.wav", 44_100, (wave / 20).astype(np.float32))
+    digest = hashlib.sha256((tmp_path / "felt.wav").read_bytes()).hexdigest()
+    part = {"recorded": {**RECORDED["recorded"], "sha256": digest}, "ramp_s": ramp_s}
+    (tmp_path / "study.toml").write_text(
+        tomlkit.dumps(presenting(first=(part, {"silence": {"lasts_s": 0.5}}))), "utf-8"
+    )
+    study, rig = load(tmp_path / "study.toml"), rigs.load(RIG)
+    assert rig.actuator.rate_hz == 5000
+    made = fidelity.on_rig(protocol=study, rig=rig, rig_folder=RIG.parent)[0]
+    assert made.left_out == pytest.approx(10 / np.sqrt(101), abs=1e-3)
+    assert [one for one in fidelity.refusals(study, rig, (made,)) if "left_out_max" in one.allowed]
+    of_it = rendered(study, 5000)["felt"]
+    assert scaled(of_it, 0.5).omitted_m_s2[0] == pytest.approx(of_it.omitted_m_s2[0] / 2)
+    assert rendered(study, 44_100)["felt"].omitted_m_s2 == (0.0, 0.0)
+
+
+def test_what_a_rig_that_nobody_measured_leaves_out_is_not_known() -> None:
+    study, rig = files.load(shipped("presented.toml")), rigs.load(RIG)
+    plain = {"shaping": None, "full_scale_m_s2": 50.0}
+    nobody = rig.model_copy(update={"actuator": rig.actuator.model_copy(update=plain)})
+    band = {**plain, "low_hz": 1.0, "high_hz": 2000.0}
+    measured = rig.model_copy(update={"actuator": rig.actuator.model_copy(update=band)})
+    assert study.table(Presented).left_out_max is None
+    for one, known in ((rig, True), (measured, True), (nobody, False)):
+        told, refused = fidelity.examine(protocol=study, rig=one, rig_file=RIG)
+        assert (fidelity.UNKNOWN in told, refused) == (not known, None)
+        said = fidelity.judge(protocol=study, rig=one, rig_file=RIG, today=date(2026, 1, 1))
+        assert said.startswith(fidelity.UNKNOWN) == (not known)
+        planned = plan(protocol=study, rig=one, task=study.tasks[0])
+        assert (planned.unknown != "", planned.as_dict()["unknown"] != "", fidelity.UNKNOWN in planned.text()) == (
+            not known,
+        ) * 3
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_a_dataset_begins_once_every_recording_is_right(tmp_path: Path, palpate: Palpate, missing: bool) -> None:
+    study, names = recording(tmp_path), ("felt.wav", "cork.wav")
+    right = (tmp_path / "felt.wav").read_bytes()
+    parts = [
+        {"recorded": {**RECORDED["recorded"], "file": one, "sha256": hashlib.sha256(right).hexdigest()}}
+        for one in names
+    ]
+    study.write_text(tomlkit.dumps(presenting(first=tuple(parts))), "utf-8")
+    if not missing:
+        (tmp_path / "cork.wav").write_bytes(right + b"\0")
+    root = tmp_path / "dataset"
+    with pytest.raises(ProtocolError):
+        enrolment.enrol(study, "01", None, root=root, seed=1)
+    assert not (root / "sourcedata" / "felt.wav").exists()
+    code, _, err = palpate("check", study)
+    assert (code, "cork.wav" in err) == (2, True)
+    (tmp_path / "cork.wav").write_bytes(right)
+    # As after a command that was killed between two files.
+    (root / "sourcedata" / "felt.wav").write_bytes(right)
+    enrolment.enrol(study, "01", None, root=root, seed=1)
+    assert all((root / "sourcedata" / one).read_bytes() == right for one in names)
+    assert palpate("check", study)[0] == 0
+
+
+def test_what_is_heard_is_held_for_as_long_as_a_trial_presents(tmp_path: Path) -> None:
+    study = ProtocolFile.model_validate(presenting())
+    table = study.table(Presented)
+    longest_s = max(one.lasts_s for one in table.stimuli)
+    assert table.pause_s is not None
+    assert table.trial_s == 2 * longest_s + table.pause_s
+    assert table.model_copy(update={"pause_s": None}).trial_s == longest_s

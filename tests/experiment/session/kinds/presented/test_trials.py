@@ -14,6 +14,7 @@ import pytest
 
 from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset.kinds.presented import _played
 from palpate.experiment.desk.messages import ENTER, Repeat
 from palpate.experiment.desk.questions import Play, Reply
 from palpate.experiment.errors import ActuatorError, PalpateError
@@ -22,13 +23,14 @@ from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Armed, Entry, Footer, Header, PlannedTrial, Redo
-from palpate.experiment.records.kinds.presented import CutShort, Presentation
+from palpate.experiment.records.kinds.presented import CutShort, Interval, Presentation
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kinds.presented.stimuli import rendered
 from palpate.experiment.session.kinds.presented.trials import PresentedDevices
 from tests.experiment.protocol.presented import presenting
 from tests.experiment.session.bench import HEADER
+from tests.experiment.session.kinds.presented.test_stimuli import recording
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole
 
 PRESENTED = (("felt",), ("cork",), ("cork", "felt"), ("felt", "cork", "felt"))
@@ -186,26 +188,64 @@ def test_a_level_multiplies_every_stimulus_of_its_trial(tmp_path: Path) -> None:
     np.testing.assert_array_equal(first, 0.5 * waves["felt"].waveform_m_s2)
 
 
+def test_each_share_of_a_row_is_of_the_stimulus_that_is_worst_by_it() -> None:
+    bare = {"asked_sha256": "", "floored_bins": 0, "extrapolated": False, "handed_sha256": "", "handed_unit": "V"}
+    rest = {**bare, "handed_peak": 1.0, "samples": 5, "rate_hz": 5000, "limited": 0, "reached_peak_m_s2": 1.0}
+    shares = ((0.3, 0.1, None), (0.2, 0.2, 0.5))
+    intervals = tuple(
+        Interval.model_validate(
+            {
+                "material": "felt",
+                "onset_ns": 0,
+                "stimulus": {
+                    **rest,
+                    "computed": {"method": "", "relative_error": off, "left_out": out, "dissimilarity_m_s2": unlike},
+                },
+                "delivered": None,
+            }
+        )
+        for off, out, unlike in shares
+    )
+    cells = _played(intervals, 0)
+    assert (cells["stimulus_error"], cells["left_out"], cells["dissimilarity"]) == (0.3, 0.2, 0.5)
+    assert _played(intervals[:1], 0)["dissimilarity"] is None
+
+
 ROOMS = ("session.kinds.footstep", "rehearsal", "recordings")
 UNNEEDED = tuple(f"palpate.experiment.{room}" for room in ROOMS)
+WAV = {"palpate.experiment.recordings", "palpate.experiment.recordings.wav"}
+"""What a recorded part is read with."""
 TRACKER = "palpate.experiment.apparatus.tracker"
 LEFT = {TRACKER, f"{TRACKER}.settings"}
 """What a rig file is read with."""
 
 LOADS = """
-import sys
+import socket, sys, threading
+from contextlib import ExitStack
+from datetime import date
 from pathlib import Path
+from types import SimpleNamespace
+from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.protocol import files
 from palpate.experiment.session import run
-from palpate.experiment.session.kind import session_kind
-protocol = files.load(Path(sys.argv[1]))
-session_kind(protocol.tasks[0])
+from palpate.experiment.session.kind import Sitting, session_kind
+protocol, rig_file = files.load(Path(sys.argv[1])), Path(sys.argv[2])
+(task, *_), rig = protocol.tasks, rigs.load(rig_file)
+kind = session_kind(task)
+kind.judge(protocol=protocol, rig=rig, rig_file=rig_file, today=date(2026, 1, 1))
+sitting = Sitting(protocol, rig, rig_file, "01", task.id, Path(), None, run.MonotonicClock())
+with socket.create_server(("127.0.0.1", 0)) as server, ExitStack() as opened:
+    threading.Thread(target=lambda: server.accept()[0].close()).start()
+    panel = f"127.0.0.1:{server.getsockname()[1]}"
+    kind.opens(sitting, None, SimpleNamespace(panel=lambda _: panel, playing=lambda actuator, *_: actuator), opened)
 print(*sorted(sys.modules), sep="\\n")
 """
 
 
-def test_a_session_of_presented_stimuli_loads_no_tracker_and_no_footstep() -> None:
-    words = [sys.executable, "-c", LOADS, str(shipped("presented.toml").resolve())]
+@pytest.mark.parametrize("recorded", [False, True])
+def test_a_session_of_presented_stimuli_loads_no_tracker_and_no_footstep(tmp_path: Path, recorded: bool) -> None:
+    study = recording(tmp_path) if recorded else shipped("presented.toml").resolve()
+    words = [sys.executable, "-c", LOADS, str(study), str(shipped("rigs/presented.toml").resolve())]
     loaded = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
-    assert not [name for name in loaded if name.startswith(UNNEEDED)]
+    assert {name for name in loaded if name.startswith(UNNEEDED)} == (WAV if recorded else set())
     assert {name for name in loaded if name.startswith(TRACKER)} <= LEFT
