@@ -228,23 +228,19 @@ def _tell_anchor(root: Path) -> None:
 def share(
     dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the copy, which must not exist.")],
-    without: Annotated[
-        list[str] | None,
-        typer.Option("--without", metavar="COLUMN", help="Leave out a column of participants.tsv; may be repeated."),
-    ] = None,
 ) -> None:
     """Write a copy of a dataset for others, of those who agreed.
 
     It has the participants who agreed to sharing (`palpate consent --sharing`), if the protocol has a table [sharing].
-    Labels are drawn anew and times count from the beginning of each session. Ages and other numbers about a person are
-    in groups of ten. Journals, voices, days, notes, reasons and free text are left out, and so are stimuli without a
-    file stimuli/LICENSE. The size of the smallest group of participants who are alike is printed; a smaller one than
-    the protocol allows is refused. The copy is a BIDS derivative that `palpate verify` and `palpate analyse` read.
+    Labels are drawn anew and times count from the beginning of each session. Journals, voices, days of sessions, notes
+    and typed reasons are left out, and so are stimuli without a file stimuli/LICENSE. The size of the smallest group of
+    participants with the same first task and version of the protocol is printed; a smaller one than the protocol allows
+    is refused. The copy is a BIDS derivative that `palpate verify` and `palpate analyse` read.
     """
     from palpate.experiment import storage
     from palpate.experiment.dataset.outside import sharing
 
-    made = sharing.share(dataset, out, without or ())
+    made = sharing.share(dataset, out)
     for sentence in made.sentences():
         options.say(sentence)
     typer.echo(f"Shared: {made.root}")

@@ -117,7 +117,7 @@ def verify(
     already = {(one.where, one.clause()) for one in findings}
     findings += _together(root, already, evidence, refused) if checks.has_journals(root) else _tables_alone(root)
     findings = list(_cut_short(findings, _unfinished(root, people)))
-    findings += _leftovers(root, people)
+    findings += _leftovers(root, people if rosters else None)
     if (root / "derivatives").exists():
         again = Remedy("to trust a result there, make it again", ("palpate", "analyse", str(root)))
         findings.append(Finding("was not compared", "derivatives", remedy=again, verdict="unknown"))
@@ -379,8 +379,8 @@ def _sha256(path: Path) -> str | None:
         return None
 
 
-def _leftovers(root: Path, people: Roster) -> Iterator[Finding]:
-    if (copy := storage.protocol_path(root, len(people.approved) + 2)).exists():
+def _leftovers(root: Path, people: Roster | None) -> Iterator[Finding]:
+    if people and (copy := storage.protocol_path(root, len(people.approved) + 2)).exists():
         text = "is of an amendment that was cut off, which is not on record"
         remedy = "run palpate amend again, or delete it with its seal"
         yield Finding(text, copy.relative_to(root).as_posix(), remedy=remedy, verdict="unknown")

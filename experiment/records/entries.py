@@ -308,6 +308,10 @@ class Redo(OfAttempt):
     put_off: bool
 
 
+ASKED_FOR, PAUSED = "asked for by the experimenter", "paused before the answer"
+"""Why a trial is done again after a key of the experimenter, who types no reason."""
+
+
 class Resumed(Entry):
     """A runner continued the session; `torn` is what stood after the last whole line."""
 

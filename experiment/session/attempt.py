@@ -17,7 +17,7 @@ from palpate.experiment.desk.messages import ENTER, Repeat
 from palpate.experiment.desk.questions import Answered, Confirm, Console, Debrief, Notice, Remark, Reply, TrialAnswer
 from palpate.experiment.errors import JournalError, SessionError, TrackerStopped, cause
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.records.entries import Answer, Armed, PlannedTrial, Redo
+from palpate.experiment.records.entries import ASKED_FOR, PAUSED, Answer, Armed, PlannedTrial, Redo
 from palpate.experiment.session.kind import KindDevices, Lent, Limits, Log
 from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.remarks import Remarks
@@ -219,9 +219,9 @@ class Attempts:
         if isinstance(key, Repeat):
             return self._put_off(planned, attempt, key.reason)
         if key == spoken.redo_key:
-            return self._put_off(planned, attempt, "asked for by the experimenter")
+            return self._put_off(planned, attempt, ASKED_FOR)
         if key == spoken.pause_key:
-            self._put_off(planned, attempt, "paused before the answer")
+            self._put_off(planned, attempt, PAUSED)
             console.tell(Notice(FELT.format(trial=planned.trial)))
             return Event.PAUSE
         self._answered_ns = self.devices.clock.now_ns()

@@ -6,15 +6,19 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.dataset.tables import READ
-from palpate.experiment.errors import Finding
+from palpate.experiment.errors import Finding, Verdict
+from palpate.experiment.study import privacy
 
 CHECK = "shared"
 """The name of the check that its findings have."""
 
 DESCRIPTION = "dataset_description.json"
 
-OF_RECIPIENTS = ("README", "CHANGES", ".gitattributes", ".bidsignore")
+OF_RECIPIENTS = ("README", "CHANGES", "LICENSE", ".gitattributes", ".bidsignore")
 """Files at the top that whoever publishes a copy may change."""
+
+FOLDERS = ("derivatives/", ".git/", ".datalad/")
+"""Folders at the top that are theirs, too."""
 
 REMEDY = "restore it from the place where the copy was published"
 
@@ -26,8 +30,11 @@ def file_hashes(root: Path) -> dict[str, str]:
     """
     files = (path for path in sorted(root.rglob("*")) if path.is_file() and path != storage.shared_path(root))
     named = {path.relative_to(root).as_posix(): path for path in files}
-    theirs = (*OF_RECIPIENTS, "derivatives/", ".git/", ".datalad/")
-    return {name: _sha256(path) for name, path in named.items() if not name.startswith(theirs)}
+    return {name: _sha256(path) for name, path in named.items() if not _is_theirs(name)}
+
+
+def _is_theirs(name: str) -> bool:
+    return name in OF_RECIPIENTS or name.startswith(FOLDERS)
 
 
 def _sha256(path: Path) -> str:
@@ -41,7 +48,8 @@ def _sha256(path: Path) -> str:
 def findings(root: Path) -> Iterator[Finding]:
     """Yield each file of a copy that is missing, another than was shared, or was not shared; or that all are as shared.
 
-    What cannot be read is among them.
+    What cannot be read is among them. What was not shared refuses if it has a name that palpate gives, so that it could
+    be read as if it had been.
     """
     listed = storage.shared_path(root)
     try:
@@ -51,13 +59,13 @@ def findings(root: Path) -> Iterator[Finding]:
         what = storage.why(error) if isinstance(error, OSError | ValueError) else "it is no list of files"
         yield Finding(f"cannot be read ({what})", listed, remedy=REMEDY, check=CHECK)
         return
-    whole = True
-    for name in sorted({*files, *there}):
-        if files.get(name) != there.get(name):
-            whole = False
-            what = "is missing" if name not in there else "was not shared"
-            what = what if name not in files or name not in there else "is not the file that was shared"
-            remedy = REMEDY if name in files else "take it out of the copy"
-            yield Finding(what, root / name, remedy=remedy, check=CHECK)
-    if whole:
+    unlike = [name for name in sorted(files) if files[name] != there.get(name)]
+    for name in unlike:
+        what = "is not the file that was shared" if name in there else "is missing"
+        yield Finding(what, root / name, remedy=REMEDY, check=CHECK)
+    foreign, unread = sorted({*there} - {*files}), privacy.unknown_files(root)
+    for name in foreign:
+        verdict: Verdict = "unknown" if name in unread else "refuses"
+        yield Finding("was not shared", root / name, remedy="take it out of the copy", verdict=verdict, check=CHECK)
+    if not unlike and {*foreign} <= {*unread}:
         yield Finding(f"{len(files)} are those that were shared", "files", verdict="passes", check=CHECK)

@@ -6,29 +6,31 @@ has the seed, or tries all 2^31 seeds that palpate draws, can tell from it which
 """
 
 import json
+import os
+import re
 import secrets
 import shutil
 import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
-from math import floor
 from pathlib import Path
 from typing import Any
 
 import tomlkit
 
 from palpate.experiment import storage
+from palpate.experiment.apparatus.tracker import landing
 from palpate.experiment.clock import day, wall_ns
 from palpate.experiment.dataset import bids, build, checks, tables
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.dataset.imports.reconstruction import new_dataset
 from palpate.experiment.dataset.outside import accidents, shared
 from palpate.experiment.errors import DatasetError, Remedy, RosterError
-from palpate.experiment.protocol import approval
+from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.records import journal, software
+from palpate.experiment.records import entries, journal, software
 from palpate.experiment.study.lines import sharing_sha256
 from palpate.experiment.study.roster import Roster
 
@@ -38,17 +40,24 @@ OWN = ("participant_id", "first_task", "withdrawn", "origin")
 VOICE = ("voice_onset", "voice_proposed", "voice_agreement", "voice_lead")
 """Columns of trials that come from the sound of a voice."""
 
-NOT_SHARED = "not shared"
-"""What stands for a reason that somebody typed."""
+REASONS = (build.UNANSWERED, entries.ASKED_FOR, entries.PAUSED, landing.STOPPED, landing.TURNED_BACK)
+"""Why a trial was done again, in palpate's own words; those of a protocol's rules are shared, too."""
 
-GROUP = 10
-"""Numbers that say who somebody is are shared in groups of so many, from a multiple of it on; ours."""
+NOT_SHARED = "not shared"
+"""What stands for a reason that somebody may have typed."""
+
+TRACE = re.compile(r"recording-foot\d*_physio\.(tsv\.gz|json)")
+"""What palpate writes of a foot; a laboratory's own recordings beside it are not shared."""
+
+UNLICENSED = "because no file stimuli/LICENSE states their licence"
 
 FACTS = ("Format", "Study", "Origin", "Label", "Tasks", "Ordered", "Versions")
 """What palpate says of a dataset and shares; adverse events and deviations are free text."""
 
 INHERITED = ("InstitutionName", "InstitutionAddress", "InstitutionalDepartmentName", "CogAtlasID", "CogPOID")
 """Keys of an `events.json` at the top that hold for every session (BIDS 1.11, the inheritance principle)."""
+
+ALIKE = "alike in first task and version of the protocol"
 
 OF_TRACES = ("SamplingFrequency", "StartTime", "Columns", "PhysioType", "TaskName", "Description")
 
@@ -57,15 +66,14 @@ OF_TRACES = ("SamplingFrequency", "StartTime", "Columns", "PhysioType", "TaskNam
 class Copy:
     """What was shared.
 
-    `participants` are counted, and those who are `absent`, by why. `columns` say who somebody is, and every participant
-    has the same cells there as `smallest_group` of them, themselves included. `left_out` are things that were not
+    `participants` are counted, and those who are `absent`, by why. Every participant has the first task and the
+    versions of the protocol of `smallest_group` of them, themselves included. `left_out` are things that were not
     shared, each with the reason. `anchor` is that of the dataset as it was shared.
     """
 
     root: Path
     participants: int
     absent: Mapping[str, int]
-    columns: tuple[str, ...]
     smallest_group: int
     left_out: Mapping[str, str]
     anchor: str
@@ -75,7 +83,6 @@ class Copy:
         return {
             "Participants": self.participants,
             "Absent": dict(self.absent),
-            "PersonalColumns": list(self.columns),
             "SmallestGroup": self.smallest_group,
             "LeftOut": dict(self.left_out),
         }
@@ -84,17 +91,16 @@ class Copy:
         """Yield it in words."""
         absent = ", ".join(f"{why} {count}" for why, count in self.absent.items())
         yield f"Participants: {self.participants}. Absent: {absent or 'nobody'}."
-        alike = f"alike in {', '.join(self.columns)}" if self.columns else "of whom no more is shared than their trials"
-        yield f"Smallest group of participants {alike}: {self.smallest_group}."
+        yield f"Smallest group of participants {ALIKE}: {self.smallest_group}."
         yield from (f"Left out: {what}, {why}." for what, why in self.left_out.items())
 
 
-def share(root: Path, out: Path, without: Sequence[str] = ()) -> Copy:
+def share(root: Path, out: Path) -> Copy:
     """Write a copy of a dataset for others into the new folder `out`, with who has agreed, and say what is in it.
 
-    Columns `without` are left out. The roster has a line of who is shared before the copy is there. Raises
-    `DatasetError` as `tables.check_tables`, without a roster, licence or permission in the protocol, for too small a
-    group, and for an `out` that exists or lies in the dataset; `RosterError` if nobody agreed.
+    The roster has a line of who is shared before the copy is there. Raises `DatasetError` as `tables.check_tables`,
+    without a roster, licence or permission in the protocol, for too small a group, and for an `out` that exists or lies
+    in the dataset; `RosterError` if nobody agreed.
     """
     if out.resolve().is_relative_to(root.resolve()):
         raise DatasetError(out, "lies in the dataset itself", "choose another folder", allowed="one outside of it")
@@ -102,57 +108,69 @@ def share(root: Path, out: Path, without: Sequence[str] = ()) -> Copy:
         raise DatasetError(
             root, "has no roster, so nobody's consent to sharing is on record", "ask whoever measured it"
         )
-    dataset = tables.check_tables(root)
+    dataset = _with_tables(tables.check_tables(root))
     study = {path.name: content for path, content in build.study_files(root, dataset).items()}
     description = json.loads(study[shared.DESCRIPTION])
     _check_licence(root, description)
     rows, described = _rows(study["participants.tsv"]), json.loads(study["participants.json"])
     chosen, absent = _chosen(dataset, [row["participant_id"].removeprefix("sub-") for row in rows])
     own = [row for row in rows if row["participant_id"].removeprefix("sub-") in chosen]
-    kept, left_out = _personal(own, described, without)
-    smallest = min(Counter(tuple(row[column] for column in kept) for row in own).values())
-    _check_smallest(root, dataset, smallest, kept)
-    if (root / "stimuli").exists() and not _has_stimuli(root, dataset):
-        left_out["stimuli"] = "because no file stimuli/LICENSE states their licence"
+    smallest = _smallest(own, description["Palpate"].get("Versions", ()))
+    _check_smallest(root, dataset, smallest)
+    licensed = dataset.plan is not None or (root / "stimuli" / "LICENSE").is_file()
+    left_out = {} if licensed else dict.fromkeys(_stimuli(root, dataset), UNLICENSED)
     anchor = checks.keep_anchor(root)[0] if dataset.roster else checks.anchor(root)
     labels = _drawn(chosen)
-    copy = Copy(out, len(labels), absent, kept, smallest, left_out, anchor.line.rpartition(" ")[2])
+    copy = Copy(out, len(labels), absent, smallest, left_out, anchor.line.rpartition(" ")[2])
     with new_dataset(out) as part:
         bids.write_files(
             {
-                **_people(part, own, described, labels, kept),
+                **_people(part, own, described, labels),
                 **_description(part, description, labels, copy),
                 **_inherited(root, part),
-                **_protocols(part, dataset),
+                **_protocols(part, dataset, licensed=licensed),
             }
         )
-        for path, header in dataset.sessions:
-            if header.participant in labels:
-                bids.write_files(_session(part, dataset, path, labels[header.participant]))
-        if "stimuli" not in left_out and (root / "stimuli").exists():
+        _check_protocols(part, dataset)
+        relabelled = [(labels[of.participant], path) for path, of in dataset.sessions if of.participant in labels]
+        for label, path in sorted(relabelled):
+            bids.write_files(_session(part, dataset, path, label))
+        if licensed and (root / "stimuli").exists():
             shutil.copytree(root / "stimuli", part / "stimuli")
         accidents.keep_attributes(part, build.LABELS[dataset.purpose])
         listed = {"format": storage.DATASET_FORMAT, "files": shared.file_hashes(part)}
         storage.write_json(storage.shared_path(part), listed)
+        _level_times(part)
         if dataset.roster is not None:
             _record(root, dataset.protocol, labels, copy.anchor)
     return copy
 
 
+def _with_tables(dataset: Dataset) -> Dataset:
+    """Return a dataset with the sessions alone that have ended once, of which there is something to share."""
+
+    def has_ended(path: Path) -> bool:
+        return path not in dataset.under_way or bool(tables.until_footer(journal.read(path)).lines)
+
+    return replace(dataset, sessions=tuple(one for one in dataset.sessions if has_ended(one[0])))
+
+
+def _level_times(part: Path) -> None:
+    """Give all files one time of change: those of single sessions would tell of their order, or their day."""
+    now_ns = wall_ns()
+    for path in (*part.rglob("*"), part):
+        os.utime(path, ns=(now_ns, now_ns))
+
+
 def _people(
-    part: Path,
-    rows: Sequence[Mapping[str, str]],
-    described: Mapping[str, Any],
-    labels: Mapping[str, str],
-    kept: Sequence[str],
+    part: Path, rows: Sequence[Mapping[str, str]], described: Mapping[str, Any], labels: Mapping[str, str]
 ) -> bids.Files:
     """Return participants.tsv under the new labels, in their order, and its sidecar."""
-    columns = (*OWN, *kept)
     renamed = [{**row, "participant_id": f"sub-{labels[row['participant_id'].removeprefix('sub-')]}"} for row in rows]
     renamed.sort(key=lambda row: row["participant_id"])
-    said = {"Description": "Participants who agreed to sharing.", **{name: described[name] for name in columns}}
+    said = {"Description": "Participants who agreed to sharing.", **{name: described[name] for name in OWN}}
     return {
-        part / "participants.tsv": bids.table(columns, [{name: row[name] for name in columns} for row in renamed]),
+        part / "participants.tsv": bids.table(OWN, [{name: row[name] for name in OWN} for row in renamed]),
         part / "participants.json": storage.json_bytes(said),
     }
 
@@ -194,64 +212,35 @@ def _absent(roster: Roster, terms: str, label: str, listed: Sequence[str]) -> st
     return "" if label in listed else "no session"
 
 
-def _personal(
-    rows: Sequence[Mapping[str, str]], described: dict[str, Any], without: Sequence[str]
-) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the columns that say who somebody is and are shared, and why others are not; numbers become groups.
-
-    Raises `DatasetError` for a column that is not there.
-    """
-    kept, left_out = list[str](), dict[str, str]()
-    columns = [column for column in rows[0] if column not in OWN]
-    if unknown := [column for column in without if column not in columns]:
-        raise DatasetError("--without", f"got {unknown[0]}", allowed=", ".join(columns) or "nothing, for no column is")
-    for column in columns:
-        cells = [row[column] for row in rows]
-        if column in without:
-            left_out[column] = "as was asked for"
-        elif "Levels" in described[column]:
-            kept.append(column)
-        elif all(cell == bids.MISSING or _is_number(cell) for cell in cells):
-            kept.append(column)
-            for row in rows:
-                row[column] = _grouped(row[column])  # type: ignore[index]
-            described[column]["Description"] += f" In groups of {GROUP}."
-        else:
-            left_out[column] = "because it is free text"
-    return tuple(kept), left_out
+def _smallest(rows: Sequence[Mapping[str, str]], versions: Sequence[Mapping[str, Any]]) -> int:
+    """Return how many participants at least have the same first task, and the same versions of the protocol."""
+    began = Counter[tuple[str, ...]]()
+    for row in rows:
+        own = f"{row['participant_id']}_"
+        under = [of["Protocol"] for of in versions if any(one.startswith(own) for one in of["Sessions"])]
+        began[row["first_task"], *under] += 1
+    return min(began.values())
 
 
-def _is_number(cell: str) -> bool:
-    return cell.removeprefix("-").replace(".", "", 1).isdecimal()
-
-
-def _grouped(cell: str) -> str:
-    """Return the group of a number, such as `20 to 29`."""
-    if cell == bids.MISSING:
-        return cell
-    lowest = floor(float(cell) / GROUP) * GROUP
-    return f"{lowest} to {lowest + GROUP - 1}"
-
-
-def _check_smallest(root: Path, dataset: Dataset, smallest: int, kept: Sequence[str]) -> None:
+def _check_smallest(root: Path, dataset: Dataset, smallest: int) -> None:
     """Refuse to share somebody whom too few others are like."""
     rule = dataset.protocol.sharing
     least = rule.smallest_group if rule else 1
     if smallest < least:
-        leave = (
-            Remedy("leave out a column: {}", ("palpate", "share", str(root), "OUT", "--without", kept[0]))
-            if kept
-            else ""
-        )
         allowed = f"{least} (sharing.smallest_group of the protocol)"
-        of = f"alike in {', '.join(kept)}" if kept else "in all"
-        what = f"got a smallest group of {smallest} {of}"
-        raise DatasetError(root / "participants.tsv", what, leave or "share when more have agreed", allowed=allowed)
+        what = f"got a smallest group of {smallest} {ALIKE}"
+        raise DatasetError(root / "participants.tsv", what, "share when more have agreed", allowed=allowed)
 
 
-def _has_stimuli(root: Path, dataset: Dataset) -> bool:
-    """Return whether stimuli may go with a copy: they are simulated, or a file beside them is their licence."""
-    return dataset.plan is not None or (root / "stimuli" / "LICENSE").is_file()
+def _versions(dataset: Dataset) -> Sequence[Protocol]:
+    return list(dataset.versions.values()) or [dataset.protocol]
+
+
+def _stimuli(root: Path, dataset: Dataset) -> Iterator[str]:
+    """Yield the folder of stimuli, if there is one, and the name of each that stands beside the protocol."""
+    if (root / "stimuli").exists():
+        yield "stimuli"
+    yield from sorted({name for version in _versions(dataset) for name in version.companions})
 
 
 def _drawn(labels: Sequence[str]) -> dict[str, str]:
@@ -265,14 +254,15 @@ def _drawn(labels: Sequence[str]) -> dict[str, str]:
 def _session(part: Path, dataset: Dataset, path: Path, label: str) -> bids.Files:
     """Return table, sidecar and traces of one session under a new label."""
     contents = journal.read(path)
-    if path in dataset.under_way and not (contents := tables.until_footer(contents)).lines:
-        return {}
+    if path in dataset.under_way:
+        contents = tables.until_footer(contents)
     header, protocol = contents.header, dataset.version(contents.header)
     task, origin = protocol.task(header.task), build.ORIGINS[dataset.purpose]
-    allowed = {None, build.UNANSWERED, *(f"{rule.id}: {rule.reason}" for rule in protocol.exclusion)}
+    allowed = {None, *REASONS, *(f"{rule.id}: {rule.reason}" for rule in protocol.exclusion)}
     rows = build.event_rows(build.kind_of(task), path, contents, origin)
     for row in rows:
-        if row["redo_reason"] not in allowed:
+        reason = row["redo_reason"]
+        if reason not in allowed and not allowed.issuperset(str(reason).split("; ")):
             row["redo_reason"] = NOT_SHARED
         for column in VOICE:
             row.pop(column, None)
@@ -281,7 +271,9 @@ def _session(part: Path, dataset: Dataset, path: Path, label: str) -> bids.Files
         described = {"Description": "Trials of one session.", **json.loads(files[sidecar])}
         files[sidecar] = storage.json_bytes(described)
     before = bids.beh_path(dataset.root, header.participant, header.task, "")
-    for trace in sorted(before.parent.glob(f"{before.name}recording-*_physio.*")):
+    for trace in sorted(before.parent.glob(f"{before.name}recording-foot*")):
+        if not TRACE.fullmatch(trace.name.removeprefix(before.name)):
+            continue
         content = storage.read_bytes(trace)
         if trace.suffix == ".json":
             said = storage.json_of(content)
@@ -303,20 +295,36 @@ def _inherited(root: Path, part: Path) -> bids.Files:
     return {part / file.name: storage.json_bytes(known)}
 
 
-def _protocols(part: Path, dataset: Dataset) -> bids.Files:
-    """Return each version of the protocol, without its comments, and its seal."""
-    files: bids.Files = {}
-    versions = list(dataset.versions.values()) or [dataset.protocol]
-    known = dataset.approvals.approved if dataset.approvals else ()
-    numbers = {one.number: one.protocol_sha256 for one in known} or {1: approval.sha256(versions[0])}
-    for number, sha256 in numbers.items():
+def _protocols(part: Path, dataset: Dataset, *, licensed: bool) -> bids.Files:
+    """Return each version of the protocol, without its comments, its seal, and what stands beside it if `licensed`."""
+    written: bids.Files = {}
+    for number, version in _numbered(dataset).items():
         path = storage.protocol_path(part, number)
-        version = next(one for one in versions if approval.sha256(one) == sha256)
-        files[path] = tomlkit.dumps(_stated(json.loads(approval.canonical(version)))).encode()
+        stated = _stated(json.loads(approval.canonical(version)))
+        ethics = stated["ethics"]
+        ethics.update({key: date.fromisoformat(ethics[key]) for key in ("approved_on", "expires_on") if key in ethics})
+        written[path] = tomlkit.dumps(stated).encode()
+        for name in version.companions if licensed else ():
+            written[path.with_name(name)] = files.companion(version, name)
         seal = approval.seal_path(storage.protocol_path(dataset.root, number))
         if seal.exists():
-            files[approval.seal_path(path)] = storage.read_bytes(seal)
-    return files
+            written[approval.seal_path(path)] = storage.read_bytes(seal)
+    return written
+
+
+def _numbered(dataset: Dataset) -> dict[int, Protocol]:
+    """Return the version of the protocol that each approval began."""
+    by_hash = {approval.sha256(one): one for one in _versions(dataset)}
+    known = dataset.approvals.approved if dataset.approvals else ()
+    return {one.number: by_hash[one.protocol_sha256] for one in known} or {1: next(iter(by_hash.values()))}
+
+
+def _check_protocols(part: Path, dataset: Dataset) -> None:
+    """Refuse a copy whose protocols are not read as those of the dataset. Raises `DatasetError`."""
+    for number, version in _numbered(dataset).items():
+        path = storage.protocol_path(part, number)
+        if approval.sha256(files.load(path)) != approval.sha256(version):
+            raise DatasetError(path, "is not the protocol of the dataset", "report this as a fault of palpate")
 
 
 def _stated(value: Any) -> Any:
@@ -330,7 +338,9 @@ def _description(part: Path, source: Mapping[str, Any], labels: Mapping[str, str
     """Return the description of a copy, as the derivative that it is, and its README."""
     facts = {key: value for key, value in source["Palpate"].items() if key in FACTS} | {"Shared": copy.facts()}
     if "Versions" in facts:
-        facts["Versions"] = [{**one, "Sessions": _renamed(one["Sessions"], labels)} for one in facts["Versions"]]
+        facts["Versions"] = [
+            {"Protocol": one["Protocol"], "Sessions": _renamed(one["Sessions"], labels)} for one in facts["Versions"]
+        ]
     ours = software.this()
     made = {"Name": "palpate", "Version": ours.version, "SourceSha256": ours.source_sha256}
     content = {
@@ -343,8 +353,8 @@ def _description(part: Path, source: Mapping[str, Any], labels: Mapping[str, str
     }
     paragraphs = (
         "This is a copy for others of a dataset that its laboratory keeps, with the participants who agreed to that. "
-        "Labels were drawn anew, and times count from the beginning of each session. Journals, voices, days, notes "
-        f"and free text stayed behind: where a reason was typed, it reads '{NOT_SHARED}'.",
+        "Labels were drawn anew, and times count from the beginning of each session. Journals, voices, days of "
+        f"sessions, notes and free text stayed behind: a reason that may have been typed reads '{NOT_SHARED}'.",
         *copy.sentences(),
         "palpate verify shows whether a file was changed since, and palpate analyse makes the tables and the report.",
     )

@@ -250,10 +250,9 @@ def _sharing(protocol: Protocol) -> Iterator[Block]:
     yield Quoted(sharing.statement)
     yield Said(
         "Shared are the tables of trials and the traces of movement, with times from the beginning of each session. Of "
-        "what is known about a person, only answers from fixed choices are shared, and ages and other numbers in "
-        "groups of ten: in these, every participant is like "
-        f"{count(sharing.smallest_group - 1, 'other')} or more. Voices, days, notes, reasons and other free text are "
-        "not shared."
+        "a person no more is shared than which task came first and which version of this protocol held: in these, "
+        f"every participant is like {count(sharing.smallest_group - 1, 'other')} or more. Voices, days of sessions, "
+        "notes, typed reasons and other free text are not shared."
     )
     kept = "is kept in the laboratory" if sharing.keep_labels else "is not kept"
     yield Said(f"Labels are drawn anew, and which label a participant gets {kept}.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -14,6 +14,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.tracker.frames import Samples, encode
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
+from palpate.experiment.desk.messages import Repeat
 from palpate.experiment.desk.questions import Remark
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import sealing
@@ -77,7 +78,7 @@ class MadeStudy:
             admission=Admission(known, approvals.read_first(self.root), None),
         )
 
-    def run(self, asked: Header, keys: str = "capt", remarks: Iterable[Remark] = ()) -> None:
+    def run(self, asked: Header, keys: Sequence[str | Repeat] = "capt", remarks: Iterable[Remark] = ()) -> None:
         """One session under this header, whatever it says, with remarks at its end."""
         clock = ManualClock(START_NS)
         steps = [framed(step_samples(600_000 * n, 100.0 * n)) for n in range(1, len(keys) + 1)]
