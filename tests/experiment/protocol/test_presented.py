@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
+from palpate.experiment.protocol.designs import NAMES, design_of
 from palpate.experiment.protocol.files import ProtocolFile, load, shipped
-from palpate.experiment.protocol.kinds.presented import Presented
+from palpate.experiment.protocol.kinds.presented import KIND, Presented
+from palpate.experiment.records.events import PLACES
 from palpate.experiment.settings.load import find
 from tests.experiment.protocol.presented import RECORDED, presenting
 from tests.experiment.protocol.small import changed, with_tuples
@@ -65,3 +67,9 @@ def test_a_file_that_is_named_twice_has_one_hash() -> None:
     (found,) = find(ProtocolFile, presenting(first=(RECORDED, one)), {})
     assert found.field.endswith("parts[1].recorded.sha256")
     assert not find(ProtocolFile, presenting(first=(RECORDED, RECORDED)), {})
+
+
+def test_a_trial_presents_no_more_than_some_design_asks_about() -> None:
+    asked = {design_of(name).intervals for name in NAMES}
+    assert set(KIND.intervals) == asked
+    assert len(PLACES) == max(asked)
