@@ -236,6 +236,11 @@ def _of_noticing() -> list[tuple[str, Call, dict[str, float]]]:
     return [
         ("noticed: asked_db", lambda x: noticing.noticed(changed(levels, x), levels, noticing.SOLE), silent),
         ("noticed: given_db", lambda x: noticing.noticed(levels, changed(levels, x), noticing.SOLE), silent),
+        (
+            "third_octave_energies: waveform",
+            lambda x: noticing.third_octave_energies(changed(levels, x), 64, 1000),
+            EITHER,
+        ),
         ("noticed_where_alike: share", lambda x: noticing.noticed_where_alike(x, noticing.SOLE), EITHER),
     ]
 
