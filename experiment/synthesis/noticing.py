@@ -121,8 +121,8 @@ def unnoticed_share(site: Site) -> float:
 def third_octave_energies(waveform: NDArray[np.float64], size: int, rate_hz: int) -> NDArray[np.float64]:
     """Return the energy in each third octave, the sum of squares of samples times `size`, shape (18,).
 
-    The waveform, shape (n,), ends with zeros up to 2 `size` samples, n <= `size`. Raises `SynthesisError` for one that is
-    not finite.
+    The waveform, shape (n,), ends with zeros up to 2 `size` samples, n <= `size`. Raises `SynthesisError` unless it is
+    finite.
     """
     power = np.square(np.abs(np.fft.rfft(finite(waveform, what="waveform"), 2 * size)))
     ends = np.searchsorted(np.fft.rfftfreq(2 * size, 1 / rate_hz), [*(THIRDS_HZ / 10**0.05), THIRDS_HZ[-1] * 10**0.05])
