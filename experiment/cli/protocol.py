@@ -352,6 +352,8 @@ def seal(
     from palpate.experiment.protocol.approval import sealing
 
     protocol = files.load(protocol_file)
+    # Nobody can approve a stimulus that is not there, or is another.
+    files.companions(protocol)
     path = approval.seal_path(protocol_file)
     if yes and not replace:
         raise PalpateError(

@@ -50,6 +50,12 @@ class Blind:
         keys, self._keys = self._keys, []
         return keys
 
+    def offer(self, *, mouse: bool) -> None:
+        pass
+
+    def clicked(self) -> list[tuple[float, float]]:
+        return []
+
 
 def _say_connected() -> None:
     sys.stdout.write("connected\n")

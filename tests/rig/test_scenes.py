@@ -89,5 +89,6 @@ def test_neither_loads_what_numpy_serves_and_the_real_task_nothing_of_a_stimulus
     )
     assert not {name for name in held["real"].held.modules if name.startswith(unneeded)}
     assert {name for name in held["real"].held.modules if name.startswith("palpate.experiment.synthesis.")} == {
-        "palpate.experiment.synthesis.signals.noise"
+        "palpate.experiment.synthesis.signals",
+        "palpate.experiment.synthesis.signals.noise",
     }

@@ -184,12 +184,14 @@ def test_a_dataset_begins_once_every_recording_is_right(tmp_path: Path, palpate:
     assert not (root / "sourcedata" / "felt.wav").exists()
     code, _, err = palpate("check", study)
     assert (code, "cork.wav" in err) == (2, True)
+    approval = ("--approval-number", "1", "--approved-on", "2020-02-01", "--expires-on", "2021-02-01")
+    assert palpate("seal", study, *approval)[0] == 2
     (tmp_path / "cork.wav").write_bytes(right)
     # As after a command that was killed between two files.
     (root / "sourcedata" / "felt.wav").write_bytes(right)
     enrolment.enrol(study, "01", None, root=root, seed=1)
     assert all((root / "sourcedata" / one).read_bytes() == right for one in names)
-    assert palpate("check", study)[0] == 0
+    assert palpate("check", study)[0] == palpate("seal", study, *approval)[0] == 0
 
 
 def test_what_is_heard_is_held_for_as_long_as_a_trial_presents(tmp_path: Path) -> None:
