@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,8 @@ def _opened(ask: Ask, file: Path, text: str) -> dict[str, str]:
     document = {"uri": file.as_uri()}
     file.write_text(text, "utf-8")
     ask("textDocument/didOpen", {"textDocument": {**document, "languageId": "toml", "version": 1, "text": text}})
+    while ask("textDocument/documentSymbol", {"textDocument": document}) is None:
+        time.sleep(0.01)  # the server replies to what comes after a document before it has opened it
     return document
 
 
