@@ -291,25 +291,33 @@ def _headings(
 def _heading_cells(raw: str, shape: _Shape, values: Sequence[NDArray[Any]], *, ends: bool) -> list[str]:
     """Return the cells of a heading, one for each column; none where the record has another number of them.
 
-    A heading may have another delimiter than the rows, and a comment sign at its beginning. R leaves out the name of
-    its numbers of rows. Where rows end in a delimiter, the last name may be that of a column in which nothing stands.
+    R leaves out the name of its numbers of rows. Where rows end in a delimiter, the last name may be that of a column
+    in which nothing stands.
     """
-    bare = _SIGN.sub("", raw, count=1)
-    blank = (r"\s{2,}", r"\s+") if not shape.delimiter or bare != raw else (r"\s{2,}",)
-    numbered = bool(np.array_equal(values[0], np.arange(1, len(values[0]) + 1)))
-    # A semicolon may be the delimiter behind an empty first cell, or a comment sign.
-    texts = (raw, bare) if shape.delimiter and raw.lstrip(" ").startswith(shape.delimiter) else (bare,)
-    delimited = (
-        [cell.strip() for cell in next(csv.reader(io.StringIO(text.strip("\r\n"), newline=""), delimiter=sign), [])]
-        for sign in dict.fromkeys((*filter(None, (shape.delimiter,)), *DELIMITERS))
-        for text in texts
-    )
-    blanks = ([cell.strip(' \t,;"') for cell in re.split(pattern, bare.strip())] for pattern in blank)
-    for row in chain(delimited, blanks):
+    counts = bool(np.array_equal(values[0], np.arange(len(values[0])) + values[0][0]))
+    # An empty first cell stands above numbers of rows; above others its semicolon is a comment sign.
+    index = counts and not raw.lstrip().startswith("; ")
+    for row in _heading_rows(raw, shape):
         cells = row[shape.first :]
-        cells = cells[:-1] if len(cells) == shape.width + 1 and (ends or not cells[-1]) else cells
+        if len(cells) == shape.width + 1 and (not cells[-1] or (ends and (index or cells[0]))):
+            cells = cells[:-1]
         if len(cells) == shape.width and any(cells) and not _numeric(cells):
             return cells
-        if numbered and len(cells) == shape.width - 1 > 1 and all(cells):
+        if counts and values[0][0] == 1 and len(cells) == shape.width - 1 > 1 and all(cells):
             return ["", *cells]
     return []
+
+
+def _heading_rows(raw: str, shape: _Shape) -> Iterator[list[str]]:
+    """Yield the cells of a heading in each way to part them: its delimiter may be another than that of the rows, and a
+    comment sign may stand at its beginning.
+    """  # fmt: skip
+    bare = _SIGN.sub("", raw, count=1)
+    # A semicolon may be the delimiter behind an empty first cell, or a comment sign.
+    texts = (raw, bare) if shape.delimiter and raw.lstrip(" ").startswith(shape.delimiter) else (bare,)
+    for sign in dict.fromkeys((*filter(None, (shape.delimiter,)), *DELIMITERS)):
+        for text in texts:
+            lines = io.StringIO(text.strip("\r\n"), newline="")
+            yield [cell.strip() for cell in next(csv.reader(lines, delimiter=sign), [])]
+    for pattern in (r"\s{2,}", r"\s+") if not shape.delimiter or bare != raw else (r"\s{2,}",):
+        yield [cell.strip(' \t,;"') for cell in re.split(pattern, bare.strip())]

@@ -26,6 +26,11 @@ def test_the_corpus_is_large_and_nearly_all_of_it_is_read(tmp_path: Path) -> Non
     assert outcomes.count("wrong") == 0
 
 
+def test_a_heading_behind_a_semicolon_stands_above_rows_that_end_in_one(tmp_path: Path) -> None:
+    layout = Layout(";", comment="; ", trailing=True, clock_at=1, further=2)
+    assert outcome(layout, tmp_path) == "right"
+
+
 def test_no_rearrangement_of_the_same_data_is_read_as_something_else(tmp_path: Path) -> None:
     assert {outcome(rearranged(seed), tmp_path) for seed in range(200)} == {"right", "refused"}
 

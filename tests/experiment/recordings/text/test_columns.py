@@ -51,6 +51,9 @@ LAYOUTS: dict[str, tuple[str, Row, Stated]] = {
         "", lambda i, a: f"{'Record Length,2500,Points' if i == 0 else ',,'},{i / 1000:.4f},{a:.5f}",
         Stated(time_unit="s"),
     ),
+    "rows numbered by pandas, with a note": (
+        ";time_s;acc_g;note\n", lambda i, a: f"{i};{i / 1000:.3f};{a:.4f};{'tap' if i == 30 else ''}", Stated(),
+    ),
     "days of a spreadsheet": (
         "Time,acc_g\n", lambda i, a: f"{45356.25 + i / 86_400_000:.12f},{a:.4f}", Stated(time_unit="d"),
     ),
