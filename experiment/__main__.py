@@ -42,6 +42,9 @@ def main() -> None:
         os.environ["PYTHONSAFEPATH"] = "1"
         # Threads of linear algebra gain nothing with matrices of a study's size, and spin while they wait.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        # pandas would import what it can, a tenth of a second, and nothing here is computed by either.
+        for absent in ("pyarrow", "numexpr"):
+            sys.modules.setdefault(absent, None)  # type: ignore[arg-type]
         # The system frees what is left at once; searching it for garbage takes a tenth of a second.
         atexit.register(gc.freeze)
         if sys.stdout is not None and sys.argv[1:] in ([], ["-h"], ["--help"]):

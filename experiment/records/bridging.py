@@ -21,9 +21,9 @@ def shifted(contents: Contents) -> Iterator[tuple[Entry, int]]:
         if before and lines[0].t_ns < last_ns:
             shift_ns = max(last_ns - lines[0].t_ns, _by_uptime(before, lines))
         yield from ((line.entry, shift_ns) for line in lines)
+        before = [Line(line.t_ns + shift_ns, line.entry) for line in lines] if shift_ns else lines
         # Whoever notes something in a pause has a clock of their own.
-        last_ns = max([last_ns, *(line.t_ns + shift_ns for line in lines)])
-        before = [Line(line.t_ns + shift_ns, line.entry) for line in lines]
+        last_ns = max([last_ns, *(line.t_ns for line in before)])
 
 
 def set_back_ns(contents: Contents) -> int:

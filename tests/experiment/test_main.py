@@ -1,4 +1,4 @@
-"""Ctrl-C at any moment: one line and exit code 130, whatever is being imported or done."""
+"""Ctrl-C at any moment is one line and exit code 130, whatever is imported or done; and what is never imported."""
 
 from __future__ import annotations
 
@@ -224,3 +224,13 @@ def test_letters_that_a_code_page_lacks_leave_as_their_codes(tmp_path: Path, rep
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False, timeout=60)
     assert (done.returncode, done.stderr) == (0, b"")
     assert "Fußtritte \\u89e6\\u899a" in done.stdout.decode("cp1252")
+
+
+def test_pandas_loads_nothing_that_a_command_never_computes_with(tmp_path: Path) -> None:
+    code = (
+        "import sys; from palpate.experiment.__main__ import main\n"
+        "sys.argv = ['palpate', '--help']; main(); import pandas\n"
+        "sys.exit(sorted({'pyarrow.lib', 'numexpr'} & {name for name, module in sys.modules.items() if module}) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -6,6 +6,7 @@ A design is what a trial is made of and what is asked about that: a module that 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import import_module
 from typing import Any, Literal, get_args
 
@@ -74,6 +75,7 @@ class ProtocolDesign:
     keys: Callable[[Table], Sequence[tuple[tuple[str | int, ...], object]]] = lambda _: ()
 
 
+@cache
 def design_of(name: str) -> ProtocolDesign:
     """Return a design by its name."""
     design: ProtocolDesign = import_module(f"{__name__}.{name}").DESIGN
