@@ -263,6 +263,7 @@ def spectrum(
     axes: Sequence[str | int] | None = None,
     reduction: Literal["dft321", "norm"] = "dft321",
     resample: bool = False,
+    rate: float | None = None,
 ) -> AmplitudeSpectrum:
     """Read one channel of a recording, and return its amplitude spectrum. What is doubtful in the file is warned of.
 
@@ -288,6 +289,8 @@ def spectrum(
         How they do: ``"dft321"`` has the power of all at each frequency, ``"norm"`` is the length of the acceleration.
     resample
         Whether samples at uneven times are brought onto an even grid, by a cubic spline whose error is warned of.
+    rate
+        The sampling rate of a file without times, Hz.
 
     Returns
     -------
@@ -299,7 +302,7 @@ def spectrum(
     RecordingError
         The file cannot be read, has no such channel, or is too short.
     PalpateError
-        `decimal` is neither a point nor a comma.
+        `decimal` is neither a point nor a comma, or `rate` is not above 0.
     """
     from palpate.experiment.recordings.readers import Axes
     from palpate.experiment.recordings.spectrum import of_file
@@ -307,7 +310,7 @@ def spectrum(
 
     named = None if channel is None else str(channel)
     made_of = None if axes is None else Axes(tuple(map(str, axes)), reduction)
-    stated = Stated(encoding, decimal, time_unit, time_column, resample=resample)
+    stated = Stated(encoding, decimal, time_unit, time_column, resample=resample, rate_hz=rate)
     found = of_file(Path(file), channel=named, axes=made_of, stated=stated)
     for doubt in found.recording.doubts:
         warnings.warn(doubt.sentence(), stacklevel=2)

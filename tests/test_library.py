@@ -95,6 +95,13 @@ def test_a_spectrum_warns_of_what_the_command_cautions_of(tmp_path: Path) -> Non
     assert numbered.recording.channel == "a"
 
 
+def test_a_spectrum_of_samples_without_times_has_the_rate_that_is_stated(tmp_path: Path) -> None:
+    file = tmp_path / "samples.txt"
+    file.write_text("a\n" + "".join(f"{v:.6f}\n" for v in np.sin(0.2 * np.pi * np.arange(400))), "utf-8")
+    for rate in (1000, 2000):
+        assert palpate.spectrum(file, rate=rate).peaks[0].frequency_hz == pytest.approx(rate / 10, rel=1e-3)
+
+
 def test_the_power_of_a_notebook_has_a_bar_when_asked(capfd: pytest.CaptureFixture[str]) -> None:
     for asked in (False, True):
         palpate.power("okamoto2012", participants=(5,), studies=1, progress=asked)

@@ -61,6 +61,11 @@ TimeColumn = Annotated[
     str | None, typer.Option("--time-column", help="Name of the column of times, where a text file has several.")
 ]
 
+Rate = Annotated[
+    float | None,
+    typer.Option("--rate", metavar="HZ", help="Sampling rate, for a file without times [default: by its times]."),
+]
+
 
 def command_line(context: typer.Context) -> tuple[str, ...]:
     """Return the command as it was typed, for a remedy to add to: `palpate`, its name, arguments and options."""

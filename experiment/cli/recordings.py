@@ -150,6 +150,7 @@ def spectrum(
     decimal: options.Decimal = None,
     time_unit: options.TimeUnit = None,
     time_column: options.TimeColumn = None,
+    rate: options.Rate = None,
     as_json: Json = False,
 ) -> None:
     """Print the spectrum of a recording, and plot it with --plot.
@@ -170,7 +171,7 @@ def spectrum(
         raise PalpateError("got --channel with --axes", remedy="leave one of them out", allowed="either")
     if axes is None and reduction is not None:
         raise PalpateError("got --reduction without --axes", remedy="name the axes with --axes X Y Z", allowed="both")
-    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context), resample)
+    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context), resample, rate)
     made_of = None if axes is None else Axes(axes, reduction or "dft321")
     result = spectra.of_file(file, channel=channel, axes=made_of, stated=stated)
     drawn = None if plot is None else spectra.plot(result, plot)

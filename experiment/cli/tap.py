@@ -36,6 +36,7 @@ def fit(
     decimal: options.Decimal = None,
     time_unit: options.TimeUnit = None,
     time_column: options.TimeColumn = None,
+    rate: options.Rate = None,
     as_json: Json = False,
 ) -> None:
     """Fit a decaying sinusoid to each recorded tap.
@@ -50,7 +51,7 @@ def fit(
     from palpate.experiment.recordings import tap_fit
     from palpate.experiment.settings.delimited import Stated
 
-    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context))
+    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context), rate_hz=rate)
     table = tap_fit.read_taps(taps, stated) if taps is not None else None
     rings = [tap_fit.of_file(path, channel=channel, stated=stated) for path in recordings]
     made = tap_fit.of_taps(rings, table) if table is not None else None

@@ -1,6 +1,7 @@
 """Any recording from disk: WAV, text columns with times, a LabVIEW file (.lvm), or one of `formats`.
 
-The content decides the format. The rate is that of a column of times if there is one; a header's is only reported.
+The content decides the format; a LabVIEW file names its own separators, and is parted by them. The rate is the one that
+is stated, or that of a column of times if there is one; a header's is only reported.
 """
 
 import re
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy
+from palpate.experiment.errors import Finding, PalpateError, RecordingError
 from palpate.experiment.recordings import grid
 from palpate.experiment.recordings.axes import REDUCTIONS, Reduction
 from palpate.experiment.recordings.formats import format_of
@@ -24,7 +25,16 @@ from palpate.experiment.recordings.text.columns import RowLines, read_columns
 from palpate.experiment.recordings.wav import wav_samples
 from palpate.experiment.settings import delimited
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood, number
-from palpate.experiment.settings.units import SECONDS, Heading, heading, is_clock, is_counter, likely_unit, time_unit
+from palpate.experiment.settings.units import (
+    SECONDS,
+    Heading,
+    heading,
+    is_clock,
+    is_counter,
+    likely_unit,
+    rate_in,
+    time_unit,
+)
 
 SLOWEST_HZ, FASTEST_HZ = 20.0, 1e7
 """Nobody records a vibration at rates outside of these: another unit of time is more likely."""
@@ -32,6 +42,7 @@ SLOWEST_HZ, FASTEST_HZ = 20.0, 1e7
 AGREES = 0.01
 """A step of a clock and a stated rate agree within this part, if the unit of the clock is right."""
 
+AS_STATED = "as stated"
 COUNTER = "a counter of samples"
 _LVM_TAG = re.compile(r"(?!nan$|inf$|infinity$)[A-Za-z]\w*", re.IGNORECASE)
 _SAYS_NOTHING = ("", "x", "untitled")
@@ -121,7 +132,7 @@ def _opened(path: Path, stated: Stated) -> Callable[[str | None], Recording]:
     content = delimited.content(path)
     if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
         whole, missing = completed(content)
-        return partial(_from_wav, path, *wav_samples(whole, file=str(path)), missing)
+        return partial(_from_wav, path, *wav_samples(whole, file=str(path)), missing, stated.rate_hz)
     if (binary := format_of(content)) is not None:
         table = _from_channels(binary, content, stated)
     else:
@@ -148,7 +159,9 @@ def _of_axes(axes: Sequence[Recording], reduction: Reduction) -> Recording:
     return replace(first, channel=name, samples=samples, doubts=doubts)
 
 
-def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], missing: str, channel: str | None) -> Recording:
+def _from_wav(
+    path: Path, header_hz: int, stored: NDArray[Any], missing: str, rate_hz: float | None, channel: str | None
+) -> Recording:
     table = stored[:, None] if stored.ndim == 1 else stored
     names = tuple(f"channel {i + 1}" for i in range(table.shape[1]))
     place = _chosen(names, channel)
@@ -164,7 +177,8 @@ def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], missing: str, chan
     doubts = _clipped(str(path), names[place], samples)
     if missing:
         doubts += (Finding(missing, where=path, remedy="check where it ends", verdict="warns", check="unfinished"),)
-    return Recording(str(path), names[place], names, samples, unit, float(rate_hz), "WAV header", doubts=doubts)
+    made = Recording(str(path), names[place], names, samples, unit, float(header_hz), "WAV header", doubts=doubts)
+    return made if rate_hz is None else replace(made, rate_hz=rate_hz, rate_source=AS_STATED, header_rate_hz=header_hz)
 
 
 def _chosen(names: tuple[str, ...], asked: str | None, what: str = "channel") -> int:
@@ -192,18 +206,22 @@ def _from_columns(content: bytes, text: str, encoding: str, stated: Stated) -> _
     of_day = read_as.stamped
     named = [at for at, one in enumerate(read_as.headings) if at not in of_day and _names_times(one)] or [*of_day]
     clocks = _clocks(named, columns, stated)
-    if not clocks:
-        _look_like_times(replace(columns[0], name=read_as.headings[0].name), stated)
+    if not clocks and read_as.step is not None:
+        (name, unit), step = read_as.step
+        clocks = [len(columns)]
+        columns.append(_Column(name, unit, np.arange(len(read_as.values[0])) * step, read_as.lines))
+    if not clocks and stated.rate_hz is None:
+        first, likely = replace(columns[0], name=read_as.headings[0].name), rate_in(text[: read_as.begins])
+        _look_like_times(first, stated, likely)
         clocks = [0]
     signals = [place for place in range(len(columns)) if place not in (*clocks, *named, *of_day)]
     if not signals:
         raise RecordingError(
             "got no column but those of times", remedy="name another file", allowed="a column of samples"
         )
-    if len({_step_s(columns[place], stated) for place in clocks}) > 1:
+    times: list[_Column | None] = [columns[clocks[0]] if clocks else None] * len(signals)
+    if stated.rate_hz is None and len({_step_s(columns[place], stated) for place in clocks}) > 1:
         times = [_clock_of(place, clocks, columns, stated) for place in signals]
-    else:
-        times = [columns[clocks[0]]] * len(signals)
     return _Table([columns[place] for place in signals], times, 1, read_as.understood, read_as.cut)
 
 
@@ -430,31 +448,19 @@ def _recording(file: str, table: _Table, stated: Stated, channel: str | None) ->
         )
     claimed_hz = 1 / chosen.step if chosen.step > 0 and isfinite(1 / chosen.step) else None
     samples, doubts = chosen.values.astype(np.float64), _clipped(file, chosen.name, chosen.values)
-    if clock is not None:
-        if clock.values.size < samples.size:
-            raise RecordingError(
-                "got a sample without a time",
-                remedy="export the measurement again",
-                allowed="a time in every row",
-                line=chosen.lines[clock.values.size],
-            )
-        times_s = _since_first(clock, _unit_s(clock, stated))[: samples.size]
-        if stated.resample and (made := grid.resampled(times_s, samples, clock.lines)) is not None:
-            samples, on = made.samples, made.grid
-            doubts += (_resampled(file, chosen.name, made),)
-        else:
-            on = grid.even(times_s, clock.lines, stated)
-        if on.resolution_s:
-            doubts += (_rounded(file, on),)
-        doubts += _doubts(file, on.rate_hz, stated)
-        source = f"time column {clock.name!r}"
+    if stated.rate_hz is not None:
+        on, source = grid.Grid(float(stated.rate_hz), 0.0), AS_STATED
+        doubts += _differs(file, clock, stated)
+    elif clock is not None:
+        on, samples, timed = _on_grid(file, chosen, clock, stated)
+        source, doubts = f"time column {clock.name!r}", doubts + timed
     elif claimed_hz is not None:
         on, claimed_hz = grid.Grid(claimed_hz, 0.0), None
         source = "header, no time column to check it against"
     else:
         raise RecordingError(
             f"got neither times nor a rate for channel {chosen.name!r}",
-            remedy="export them with it, in LabVIEW with X_Columns One",
+            remedy=stated.remedy("export them with it, in LabVIEW with X_Columns One, or state a rate", "--rate", "HZ"),
             allowed="a column of times, or a rate or step above zero",
         )
     if table.cut:
@@ -463,11 +469,43 @@ def _recording(file: str, table: _Table, stated: Stated, channel: str | None) ->
     return Recording(file, chosen.name, names, samples, chosen.unit, on.rate_hz, *read_as)
 
 
+def _on_grid(
+    file: str, signal: _Column, clock: _Column, stated: Stated
+) -> tuple[grid.Grid, NDArray[np.float64], tuple[Finding, ...]]:
+    """Return the grid of a channel by its clock, its samples on it, and what is doubtful of both."""
+    samples, doubts = signal.values.astype(np.float64), tuple[Finding, ...]()
+    if clock.values.size < samples.size:
+        raise RecordingError(
+            "got a sample without a time",
+            remedy="export the measurement again",
+            allowed="a time in every row",
+            line=signal.lines[clock.values.size],
+        )
+    times_s = _since_first(clock, _unit_s(clock, stated))[: samples.size]
+    made = grid.resampled(times_s, samples, clock.lines) if stated.resample else None
+    on = grid.even(times_s, clock.lines, stated) if made is None else made.grid
+    if made is not None:
+        samples, doubts = made.samples, (_resampled(file, signal.name, made),)
+    rounded = (_rounded(file, on),) if on.resolution_s else ()
+    return on, samples, (*doubts, *rounded, *_doubts(file, on.rate_hz, stated))
+
+
 def _since_first(clock: _Column, unit_s: float) -> NDArray[np.float64]:
     """Return times since the first, s: those since 1970 in nanoseconds have more digits than a float."""
     with np.errstate(over="ignore", invalid="ignore"):
         times: NDArray[np.float64] = (clock.values - clock.values[0]).astype(np.float64) * unit_s
     return times
+
+
+def _differs(file: str, clock: _Column | None, stated: Stated) -> tuple[Finding, ...]:
+    """Return a doubt where a rate is stated and times of a known unit have another."""
+    if clock is None or not time_unit(Heading(clock.name, clock.unit)):
+        return ()
+    rate_hz, step_s = stated.rate_hz or 0.0, _step_s(clock, stated)
+    if abs(step_s * rate_hz - 1) < AGREES:
+        return ()
+    what = f"got --rate {rate_hz:g} beside times in {clock.name!r}, whose mean step is {step_s:g} s"
+    return (Finding(what, where=file, remedy="check which is right", verdict="warns", check="rate"),)
 
 
 def _rounded(file: str, on: grid.Grid) -> Finding:
@@ -538,7 +576,7 @@ def _rises_evenly(column: _Column) -> bool:
     return True
 
 
-def _look_like_times(first: _Column, stated: Stated = NOTHING_STATED) -> None:
+def _look_like_times(first: _Column, stated: Stated = NOTHING_STATED, rate: str = "HZ") -> None:
     """Refuse a first column that no heading calls a time and that does not look like times."""
     with np.errstate(over="ignore"):
         steps = np.diff(first.values)
@@ -550,12 +588,14 @@ def _look_like_times(first: _Column, stated: Stated = NOTHING_STATED) -> None:
     elif steps.size and np.all(steps == 1):
         what = COUNTER
     if what:
-        heading_alone: Remedy | str = "write a heading such as 'time (s), acceleration (g)'"
+        words = "write a heading such as 'time (s), acceleration (g)', or state their rate"
         options = ("--time-column", "1", "--time-unit", likely_unit(1.0, float(first.values[0])))
         counts = what == COUNTER
         raise RecordingError(
             f"got {what} in the first column and no column named time",
-            remedy=stated.remedy("if it holds the times, state it", *options) if counts else heading_alone,
-            allowed="a column of times",
+            remedy=stated.remedy("if it holds the times, state it", *options)
+            if counts
+            else stated.remedy(words, "--rate", rate),
+            allowed="a column of times, or a rate that is stated",
             line=first.lines[0],
         )

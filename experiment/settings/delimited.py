@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from math import nan
+from math import inf, nan
 from pathlib import Path
 
 from palpate.experiment import storage
@@ -67,7 +67,7 @@ class Stated:
     """What whoever gives a file says of it, where that is not read from the file itself.
 
     `command` is the command line so far, to which a remedy adds an option; without it, a remedy names the option alone.
-    `resample`: samples at uneven times are brought onto an even grid.
+    `resample`: samples at uneven times are brought onto an even grid. `rate_hz` counts more than any times.
     """
 
     encoding: str | None = None
@@ -76,11 +76,14 @@ class Stated:
     time_column: str | None = None
     command: tuple[str, ...] = ()
     resample: bool = False
+    rate_hz: float | None = None
 
     def __post_init__(self) -> None:
         """Raise `PalpateError` for what is no decimal sign."""
         if self.decimal not in (None, ".", ","):
             raise PalpateError("--decimal", f"got {self.decimal!r}", "choose one of them", allowed="a point, a comma")
+        if self.rate_hz is not None and not 0 < self.rate_hz < inf:
+            raise PalpateError("--rate", f"got {self.rate_hz} Hz", "state another", allowed="a rate above 0")
 
     def remedy(self, words: str, *options: str) -> Remedy | str:
         """Return what to do: these words, and the command with the options that are missing."""
@@ -330,12 +333,19 @@ def delimiter_of(text: str, wanted: Sequence[str] = ()) -> str:
 def read_table(
     path: Path, wanted: Sequence[str], numbers: Sequence[str] = (), stated: Stated = NOTHING_STATED
 ) -> Table:
+    """Return the table in a file, as `table_of` does."""
+    return table_of(path, content(path), wanted, numbers, stated)
+
+
+def table_of(
+    path: Path, data: bytes, wanted: Sequence[str], numbers: Sequence[str] = (), stated: Stated = NOTHING_STATED
+) -> Table:
     """Return a table whose header has the `wanted` columns, those of `numbers` with one decimal sign.
 
     Its header is the first record that has them all, or else the first record. Raises `PalpateError` for a file that
     cannot be read, and where a name or the decimal sign is not clear.
     """
-    text, encoding = decoded(content(path), path, stated)
+    text, encoding = decoded(data, path, stated)
     delimiter = delimiter_of(text, wanted)
     every = _all_records(path, text, delimiter)
     heads = [[cell.strip() for cell in one.cells] for one in every[:HEADINGS]]

@@ -33,11 +33,13 @@ _SIGNALS = frozenset(
      "dB")
 )  # fmt: skip
 """Units of signals that a name may end in without brackets; a letter such as A is a name more often."""
+_NO_NAMES = frozenset((*_TIMES, "volt", "sequence", "-"))
 
 _BRACKETS = re.compile(
     r"(?P<name>.*?)(?<![\s/,])[\s/,]*[(\[{<](?P<unit>[^()\[\]{}<>]*(?:\([^()]*\))?[^()\[\]{}<>]*)[)\]}>]"
 )
 _PARTS = re.compile(r"[\s_.\-/:,;|]+")
+_RATE = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*([kM]?)(?:Hz|S/s|Sa/s|sps)\b")
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _COUNTERS = frozenset(
     ("index", "idx", "sample", "samples", "sampleno", "nr", "no", "number", "count", "counter", "row", "id", "i", "n",
@@ -95,7 +97,18 @@ def time_unit(column: Heading) -> str:
 def is_unit(text: str) -> bool:
     """Return whether a cell below a heading is a unit: in brackets, or one that is known."""
     bare = text.strip().strip('"').strip()
-    return bool(re.fullmatch(r"[(\[{<].*[)\]}>]", bare)) or bare in _SIGNALS or bare.lower() in (*_TIMES, "volt", "-")
+    return bool(re.fullmatch(r"[(\[{<].*[)\]}>]", bare)) or bare in _SIGNALS or bare.lower() in _NO_NAMES
+
+
+def is_step(text: str) -> bool:
+    """Return whether a heading is that of the time between samples, as scopes write it above them."""
+    return heading(text).name.lower() == "increment"
+
+
+def rate_in(text: str) -> str:
+    """Return the rate that a text names, in Hz; `HZ` where it names none, or several."""
+    named = {float(value) * {"": 1, "k": 1e3, "M": 1e6}[prefix] for value, prefix in _RATE.findall(text)}
+    return f"{named.pop():.12g}" if len(named) == 1 else "HZ"
 
 
 def likely_unit(step: float, first: float) -> str:

@@ -1,7 +1,7 @@
 """A panel's movement by its measured complex response, and a bound on its peak, which the protocol's limit rests on.
 
 Beyond the lines that were measured the slope of the nearest octave goes on, at the phase of the nearest line; how
-uncertain that is, nobody knows.
+uncertain that is, nobody knows. Its table is read here, since palpate alone writes it and a rig has its hash.
 """
 
 import csv

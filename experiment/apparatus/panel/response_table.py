@@ -15,17 +15,21 @@ has the same drive levels, rising. Reading turns both columns into amplitudes of
 sqrt 2 times the rms, half the peak to peak.
 """
 
-import csv
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib import import_module
 from itertools import groupby
 from math import isfinite, sqrt
 from pathlib import Path
 
 import numpy as np
 
-from palpate.experiment.errors import RecordingError
+from palpate.experiment.errors import PalpateError, RecordingError
 from palpate.experiment.settings.characters import plain
 from palpate.experiment.synthesis.shaping import Response, not_rising
+
+READER = "palpate.experiment.settings.delimited"
+"""Imported by name, since only a rig that names a table needs it."""
 
 COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")
 
@@ -40,11 +44,7 @@ class _Row:
 
 def parse(path: Path, content: bytes) -> Response:
     """Return the response in a table's content. Raises `RecordingError` with file, line, value and what is allowed."""
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise RecordingError(path, f"got no UTF-8 text ({error})", "save it as UTF-8", allowed="a CSV table") from error
-    rows = _rows(path, text)
+    rows = _rows(path, content)
     at = [list(same) for _, same in groupby(rows, key=lambda row: row.frequency_hz)]
     if len(at) < 2:
         raise RecordingError(
@@ -82,7 +82,10 @@ def parse(path: Path, content: bytes) -> Response:
 
 def comments(content: bytes) -> tuple[str, ...]:
     """Return what a table says of itself, such as when it was measured and under which load, a line each."""
-    lines = content.decode("utf-8-sig", errors="replace").splitlines()
+    try:
+        lines = import_module(READER).decoded(content, "")[0].splitlines()
+    except PalpateError:
+        lines = content.decode(errors="replace").splitlines()
     return tuple(plain(line.lstrip("# ").rstrip()) for line in lines if line.startswith("#"))
 
 
@@ -91,25 +94,25 @@ def is_simulated(content: bytes) -> bool:
     return any("SIMULATED" in line for line in comments(content))
 
 
-def _rows(path: Path, text: str) -> list[_Row]:
+def _rows(path: Path, content: bytes) -> list[_Row]:
     """Return every row, each later than the one before in frequency or, at one frequency, in level."""
+    try:
+        table = import_module(READER).table_of(path, content, COLUMNS, COLUMNS)
+    except PalpateError as error:
+        finding = replace(
+            error.finding, where=path, allowed="a CSV table", remedy="save it as UTF-8 with decimal points"
+        )
+        raise RecordingError.at(finding) from error
+    if table.rows and table.header != COLUMNS:
+        got, allowed = ",".join(table.header)[:60], f"the header {','.join(COLUMNS)}"
+        raise _wrong(path, table.understood.heading_lines[0], repr(got), allowed, "add it")
     rows: list[_Row] = []
     lines: dict[tuple[float, float], int] = {}
-    headed = False
-    for line, content in enumerate(text.splitlines(), start=1):
-        if not content.strip() or content.startswith("#"):
+    for record in table.rows:
+        line, cells = record.line, [cell.strip() for cell in record.cells]
+        if cells[0].startswith("#"):
             continue
-        try:
-            cells = [cell.strip() for cell in next(csv.reader([content]))]
-        except csv.Error as error:
-            raise _wrong(path, line, str(error), "plain CSV", "correct the line") from error
-        if not headed:
-            if tuple(cells) != COLUMNS:
-                remedy = "put commas for its semicolons, and points in its numbers" if ";" in content else "add it"
-                raise _wrong(path, line, repr(content[:60]), f"the header {','.join(COLUMNS)}", remedy)
-            headed = True
-            continue
-        row = _row(path, line, cells)
+        row = _row(path, line, cells, table.number)
         pair = row.frequency_hz, row.drive_vrms
         where = f"{row.frequency_hz:g} Hz at {row.drive_vrms:g} Vrms"
         if pair in lines:
@@ -124,26 +127,17 @@ def _rows(path: Path, text: str) -> list[_Row]:
     return rows
 
 
-def _row(path: Path, line: int, cells: list[str]) -> _Row:
+def _row(path: Path, line: int, cells: list[str], number: Callable[[str], float]) -> _Row:
     if len(cells) != len(COLUMNS):
         raise _wrong(path, line, f"{len(cells)} cells", f"{len(COLUMNS)}: {', '.join(COLUMNS)}", "correct the line")
     values = []
     for name, cell in zip(COLUMNS, cells, strict=True):
-        value = _number(cell)
-        if value is None or value < 0 or (name == "drive_vrms" and value == 0):
+        value = number(cell)
+        if not isfinite(value) or value < 0 or (name == "drive_vrms" and value == 0):
             least = "above 0" if name == "drive_vrms" else "of 0 or more"
             raise _wrong(path, line, f"{name} {cell[:40]!r}", f"a finite number {least}", "correct or measure it")
         values.append(value)
     return _Row(line, *values)
-
-
-def _number(cell: str) -> float | None:
-    """Return the finite number that a cell spells, or None; Python's own underscores spell none."""
-    try:
-        value = float(cell)
-    except ValueError:
-        return None
-    return value if isfinite(value) and "_" not in cell else None
 
 
 def _wrong(path: Path, line: int, got: str, allowed: str, remedy: str) -> RecordingError:

@@ -10,8 +10,8 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import chain, islice
+from dataclasses import dataclass, replace
+from itertools import chain, islice, pairwise
 from math import isfinite
 from typing import Any
 
@@ -31,7 +31,7 @@ from palpate.experiment.settings.delimited import (
     records,
     unclear_decimal,
 )
-from palpate.experiment.settings.units import Heading, heading, is_unit
+from palpate.experiment.settings.units import Heading, heading, is_clock, is_step, is_unit, rate_in
 
 NEAREST = 4
 """Records above the rows among which names and units are looked for."""
@@ -39,6 +39,9 @@ NEAREST = 4
 TAIL, LAST_ROWS = 4096, 12
 """Characters of a text's end, and rows among them, that are looked at for one that is cut off."""
 
+_WHOLE = re.compile(r" *[+-]?[0-9]+ *")
+_ZEROS = re.compile(r"0[0-9]")
+_NOT_CLEAR = "export it with semicolons between cells, or, if all are whole, state it"
 _SIGN = re.compile(r"\A\s*(?:#+|%+|//+|;+)\s?")
 
 
@@ -47,7 +50,8 @@ class Columns:
     """The columns of a text: headings, finite values, each (n,) and whole where all are, and the lines of rows.
 
     Columns at the places `stamped` are dates or times of day, in nanoseconds. `cut` says what makes the last row look
-    cut off, and is empty where nothing does.
+    cut off, and is empty where nothing does. `step` are the name, unit and value of the times' increment, where a line
+    above the rows has one. Rows begin at the place `begins` in the text.
     """
 
     headings: tuple[Heading, ...]
@@ -56,6 +60,8 @@ class Columns:
     understood: Understood
     stamped: tuple[int, ...]
     cut: str
+    step: tuple[Heading, float] | None
+    begins: int
 
 
 @dataclass(frozen=True)
@@ -89,25 +95,17 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     plain, (text, stamps_ns) = len(text) == len(content) and text.isascii(), without_stamps(text)
     # Of a large file each copy costs as much as some of its reading.
     raw = content if plain and not stamps_ns else text.encode()
-    shape = max(
-        (_shape(text, delimiter, SAMPLE) for delimiter in (*DELIMITERS, "")), key=lambda one: (one.rows, one.width > 1)
-    )
-    if not shape.rows:
-        # What stands above the rows may be longer than a sample.
-        shape = max((_shape(text, delimiter, None) for delimiter in (*DELIMITERS, "")), key=lambda one: one.rows)
-    if not shape.rows:
-        raise RecordingError(
-            "got no line of two or more numbers",
-            remedy="name another file",
-            allowed="WAV, LabVIEW .lvm, or text columns with a column of times",
-        )
+    shape = _shape_of(text, stated)
     head, begins = _head(text, shape)
+    if shape.delimiter == "," and (points := _decimal_points(text, head, begins, shape, stated)) is not None:
+        made = read_columns(points.encode(), points, encoding, replace(stated, decimal="."))
+        return replace(made, understood=replace(made.understood, decimal=","))
     decimal = stated.decimal or _decimal(text, begins, shape, SAMPLE, stated)
     values = _fast(raw, len(text[: begins.start].encode()), shape, decimal or ".")
     if values is None:
         decimal = stated.decimal or _decimal(text, begins, shape, None, stated)
         values = _slow(text, begins, shape, decimal or ".")
-    ends = len(begins.cells) > shape.first + shape.width
+    ends = len(begins.cells) - shape.first - shape.width
     headings, lines = _headings(head, shape, values, ends=ends)
     stamped = tuple(
         place
@@ -119,13 +117,14 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     names, units = tuple(one.name for one in headings), tuple(one.unit for one in headings)
     understood = Understood(encoding, shape.delimiter, decimal, lines, names, units, begins.line, len(values[0]))
     held = RowLines(text, begins, shape)
-    return Columns(tuple(headings), tuple(values), held, understood, stamped, _cut(text, shape, decimal))
+    cut, step = _cut(text, shape, decimal), _step(head, shape, decimal)
+    return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, begins.start)
 
 
 def _cells(record: Record, shape: _Shape) -> list[str]:
-    """Return the cells of a record without those before its numbers, or a last one that is empty or a remark."""
+    """Return the cells of a record without those before its numbers, or behind them if those are empty or remarks."""
     cells = record.cells[shape.first :]
-    return cells[:-1] if len(cells) == shape.width + 1 and not _is_number(cells[-1]) else cells
+    return cells if any(map(_is_number, cells[shape.width :])) else cells[: shape.width]
 
 
 def _is_number(cell: str) -> bool:
@@ -133,21 +132,42 @@ def _is_number(cell: str) -> bool:
 
 
 def _numeric(cells: Sequence[str]) -> bool:
-    return len(cells) > 1 and all(map(_is_number, cells))
+    return bool(cells) and all(map(_is_number, cells))
 
 
 def _trimmed(cells: list[str]) -> tuple[int, list[str]]:
-    first = next((place for place, cell in enumerate(cells[:-1]) if cell.strip()), 0)
-    return first, cells[first : -1 if len(cells) > 1 and not cells[-1].strip() else None]
+    filled = [place for place, cell in enumerate(cells) if cell.strip()] or [0]
+    return filled[0], cells[filled[0] : filled[-1] + 1]
 
 
-def _shape(text: str, delimiter: str, most: int | None) -> _Shape:
+def _shape_of(text: str, stated: Stated) -> _Shape:
+    """Return how rows are parted; they have two or more cells where no rate is stated, since one is of times."""
+    shapes: list[_Shape] = []
+    # What stands above the rows may be longer than a sample.
+    for least, most in ((2, SAMPLE), (2, None), (1, None)):
+        shapes = [_shape(text, delimiter, most, least) for delimiter in (*DELIMITERS, "")]
+        if any(one.rows for one in shapes):
+            break
+    shape = max(shapes, key=lambda one: (one.rows, one.width > 1))
+    if shape.rows < 1 + (shape.width < 2):
+        raise RecordingError(
+            "got no line of two or more numbers",
+            remedy="name another file",
+            allowed="WAV, LabVIEW .lvm, or text columns with a column of times",
+        )
+    if shape.width == 1 and stated.rate_hz is None:
+        remedy = stated.remedy("state its rate", "--rate", rate_in(text[:TAIL]))
+        raise RecordingError("got one column and no times", remedy=remedy, allowed="times, or a rate that is stated")
+    return shape
+
+
+def _shape(text: str, delimiter: str, most: int | None, least: int) -> _Shape:
     shapes = Counter(
         (first, len(cells))
         for record in islice(records(text, delimiter, strict=False), most)
         if not record.comment and record.cells
         for first, cells in (_trimmed(record.cells),)
-        if _numeric(cells)
+        if len(cells) >= least and _numeric(cells)
     )
     (first, width), rows = shapes.most_common(1)[0] if shapes else ((0, 0), 0)
     return _Shape(delimiter, first, width, rows)
@@ -158,7 +178,8 @@ def _head(text: str, shape: _Shape) -> tuple[list[tuple[int, str]], Record]:
     head: list[Record] = []
     for record in records(text, shape.delimiter, strict=False):
         cells = _cells(record, shape)
-        if not record.comment and len(cells) == shape.width and _numeric(cells):
+        below_step = head and any(is_step(cell) for cell in head[-1].cells)
+        if not record.comment and len(cells) == shape.width and _numeric(cells) and not below_step:
             break
         head.append(record)
     if head and _looks_like_row(head[-1], shape):
@@ -172,6 +193,64 @@ def _head(text: str, shape: _Shape) -> tuple[list[tuple[int, str]], Record]:
     ends = [one.start for one in (*head, record)][1:]
     raw = [(one.line, text[one.start : end]) for one, end in zip(head, ends, strict=True)]
     return [(line, one) for line, one in raw if one.strip()], record
+
+
+def _step(head: Sequence[tuple[int, str]], shape: _Shape, decimal: str) -> tuple[Heading, float] | None:
+    """Return the name, unit and value of an increment, which scopes write above the rows in place of times."""
+    rows = [next(csv.reader([raw.strip()], delimiter=shape.delimiter or " "), []) for _, raw in head]
+    for names, below in pairwise(rows):
+        for name, cell in zip(names, below, strict=False):
+            if is_step(name) and number(cell, decimal or ".") > 0:
+                return heading(name), number(cell, decimal or ".")
+    return None
+
+
+def _decimal_points(
+    text: str, head: Sequence[tuple[int, str]], begins: Record, shape: _Shape, stated: Stated
+) -> str | None:
+    """Return a text with points for its decimal commas, where commas part its cells as well; None for any other text.
+
+    Two whole numbers are one with a decimal comma where headings with a time have half as many cells, or where it is
+    stated that commas are decimal. Raises `RecordingError` where that is not clear.
+    """
+    rows = [_cells(one, shape) for one in islice(_rows(text, begins, shape), SAMPLE)]
+    if stated.decimal == "." or not all(map(_WHOLE.fullmatch, chain.from_iterable(rows))):
+        return None
+    timed, named = _named(head, shape, np.array([float(row[0]) for row in rows]))
+    if named == shape.width:
+        return None
+    half, paired = named * 2 == shape.width, _paired(text, begins, shape)
+    if paired and (stated.decimal or (half and timed)):
+        return text[: begins.start] + re.sub(r"([0-9]+),([0-9]+)", r"\1.\2", text[begins.start :])
+    zeros = paired and any(map(_ZEROS.match, chain.from_iterable(row[1::2] for row in rows)))
+    if not (stated.decimal or timed or half or zeros):
+        return None
+    words, sign = ("if so, state it", ",") if paired else (_NOT_CLEAR, ".")
+    raise RecordingError(
+        f"got {shape.width} whole numbers{f' below {named} names' if named else ''}, as if some were decimals",
+        remedy=stated.remedy(words, "--decimal", sign),
+        allowed="decimal points, or another sign than commas between cells",
+        line=begins.line,
+    )
+
+
+def _named(head: Sequence[tuple[int, str]], shape: _Shape, first: NDArray[np.float64]) -> tuple[bool, int]:
+    """Return whether the headings of most columns, half as many as cells or more, have a time, and how many they are.
+
+    `first` are values of the first column.
+    """
+    for width in range(shape.width, (shape.width + 1) // 2 - 1, -1):
+        for _, raw in head[-NEAREST:]:
+            if cells := _heading_cells(raw, replace(shape, width=width), [first], ends=0):
+                return any(is_clock(heading(cell).name) for cell in cells), width
+    return False, 0
+
+
+def _paired(text: str, begins: Record, shape: _Shape) -> bool:
+    """Return whether each second cell may be the decimals of the one before."""
+    every = (_cells(one, shape) for one in _rows(text, begins, shape))
+    fits = (len(row) == shape.width and all(cell.isdecimal() for cell in row[1::2]) for row in every)
+    return shape.width % 2 == 0 and all(fits)
 
 
 def _looks_like_row(record: Record, shape: _Shape) -> bool:
@@ -266,10 +345,14 @@ def _array(values: list[float]) -> NDArray[Any]:
     return made if made.dtype.kind in "iuf" else np.array(values, dtype=np.float64)
 
 
+def _is_no_name(cell: str) -> bool:
+    return bool(cell) and (is_unit(cell) or _is_number(cell))
+
+
 def _headings(
-    head: Sequence[tuple[int, str]], shape: _Shape, values: Sequence[NDArray[Any]], *, ends: bool
+    head: Sequence[tuple[int, str]], shape: _Shape, values: Sequence[NDArray[Any]], *, ends: int
 ) -> tuple[list[Heading], tuple[int, ...]]:
-    """Return the name and unit of each column, and the lines they are from; `ends` if rows end in a delimiter.
+    """Return the name and unit of each column, and the lines they are from; rows have `ends` more cells.
 
     Of the last `NEAREST` records above the rows, those count that have a cell for each column: the last one holds the
     names, or the last one above a row of units.
@@ -280,6 +363,10 @@ def _headings(
     if not fitting:
         return [Heading("", "")] * shape.width, ()
     below = [place for place, (_, cells) in enumerate(fitting) if all(is_unit(cell) for cell in cells if cell)]
+    above = fitting[below[-1] - 1][1] if below else []
+    if below and (not below[-1] or any(map(_is_no_name, above))):
+        # No names stand above these units.
+        return [Heading("", cell) for cell in fitting[below[-1]][1]], (fitting[below[-1]][0],)
     if below and below[-1] > 0:
         (named, names), (line, row) = fitting[below[-1] - 1], fitting[below[-1]]
         units = [heading(cell).unit or cell for cell in row]
@@ -288,19 +375,21 @@ def _headings(
     return [heading(cell) for cell in cells], (line,)
 
 
-def _heading_cells(raw: str, shape: _Shape, values: Sequence[NDArray[Any]], *, ends: bool) -> list[str]:
+def _heading_cells(raw: str, shape: _Shape, values: Sequence[NDArray[Any]], *, ends: int) -> list[str]:
     """Return the cells of a heading, one for each column; none where the record has another number of them.
 
-    R leaves out the name of its numbers of rows. Where rows end in a delimiter, the last name may be that of a column
-    in which nothing stands.
+    R leaves out the name of its numbers of rows. Where rows have `ends` more cells, as many more names may be those of
+    columns in which nothing stands.
     """
     counts = bool(np.array_equal(values[0], np.arange(len(values[0])) + values[0][0]))
     # An empty first cell stands above numbers of rows; above others its semicolon is a comment sign.
     index = counts and not raw.lstrip().startswith("; ")
     for row in _heading_rows(raw, shape):
         cells = row[shape.first :]
-        if len(cells) == shape.width + 1 and (not cells[-1] or (ends and (index or cells[0]))):
+        while len(cells) > shape.width and not cells[-1]:
             cells = cells[:-1]
+        if shape.width < len(cells) <= shape.width + ends and (index or cells[0]):
+            cells = cells[: shape.width]
         if len(cells) == shape.width and any(cells) and not _numeric(cells):
             return cells
         if counts and values[0][0] == 1 and len(cells) == shape.width - 1 > 1 and all(cells):

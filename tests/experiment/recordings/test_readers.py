@@ -115,6 +115,13 @@ def test_wav_channels_by_name_and_number(tmp_path: Path, refuses: Refuses) -> No
         read(path, channel="3")
 
 
+def test_a_stated_rate_counts_more_than_that_of_a_wav(tmp_path: Path) -> None:
+    path = tmp_path / "slow.wav"
+    wavfile.write(path, 8000, np.array([1, 2], np.float32))
+    made = read(path, stated=Stated(rate_hz=100_000.0))
+    assert (made.rate_hz, made.header_rate_hz) == (100_000.0, 8000)
+
+
 def test_a_truncated_wav_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "cut.wav"
     wavfile.write(path, 5000, np.zeros(100, np.float32))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.experiment.errors import RecordingError
+from palpate.experiment.errors import PalpateError, RecordingError
 from palpate.experiment.recordings.readers import read
 from palpate.experiment.settings.delimited import Stated
 
@@ -51,6 +51,25 @@ LAYOUTS: dict[str, tuple[str, Row, Stated]] = {
         "", lambda i, a: f"{'Record Length,2500,Points' if i == 0 else ',,'},{i / 1000:.4f},{a:.5f}",
         Stated(time_unit="s"),
     ),
+    "decimal commas between commas": (
+        "time (ms),acc (g)\n", lambda i, a: f"{_german(i, 1)},{_german(a, 4)}", Stated(),
+    ),
+    "decimal commas between commas, as stated": (
+        "", lambda i, a: f"{_german(i / 1000, 3)},{_german(a, 4)}", Stated(decimal=",", time_unit="s"),
+    ),
+    "start and increment of a scope": (
+        "X,CH1,Start,Increment,\nSequence,Volt,-3.0e-02,1.0e-03\n", lambda i, a: f"{i},{a:.4e},,",
+        Stated(time_unit="s"),
+    ),
+    "start and increment in lines of their own": (
+        "Start (s),Increment (s)\n-0.03,0.001\nCH1 (g),CH2 (g)\n", lambda i, a: f"{a:.4f},{2 * a:.4f}", Stated(),
+    ),
+    "no times": ("x (g),y (g)\n", lambda i, a: f"{a:.4f},{2 * a:.4f}", Stated(rate_hz=1000)),
+    "one column": ("acc (g)\n", lambda i, a: f"{a:.4f}", Stated(rate_hz=1000)),
+    "one column with decimal commas": ("acc (g)\n", lambda i, a: _german(a, 4), Stated(rate_hz=1000, decimal=",")),
+    "times of a whole second each, at a stated rate": (
+        "Time,acc (g)\n", lambda i, a: f"10:00:{i // 50:02d},{a:.4f}", Stated(rate_hz=1000),
+    ),
     "rows numbered by pandas, with a note": (
         ";time_s;acc_g;note\n", lambda i, a: f"{i};{i / 1000:.3f};{a:.4f};{'tap' if i == 30 else ''}", Stated(),
     ),
@@ -66,7 +85,40 @@ def test_a_layout_is_read_whole(tmp_path: Path, name: str) -> None:
     made = read(_file(tmp_path, heading, row), stated=stated)
     assert made.samples.tolist() == SAMPLES
     assert made.rate_hz == pytest.approx(1000, rel=1e-3)
-    assert made.unit in ("g", "")
+    assert made.unit in ("g", "Volt", "")
+
+
+NO_TIMES: dict[str, tuple[str, Row, str]] = {
+    "whole numbers below half as many names": ("a,b\n", lambda i, a: f"{_german(i, 1)},{_german(a, 4)}", "--decimal ,"),
+    "zeros before digits": ("", lambda i, a: f"{_german(i / 1000, 3)},{_german(a, 4)}", "--decimal ,"),
+    "whole times": ("time (ms),acc (g)\n", lambda i, a: f"{i},{_german(a, 4)}", "--decimal ."),
+    "a scope's increment": ("CH1,Start,Increment\nVolt,0,1e-5\n", lambda i, a: f"{a:.4f},{i},,", "--time-unit s"),
+    "a rate above the rows": ("# at 3.2 kHz\nx (g),y (g)\n", lambda i, a: f"{a:.4f},{i}", "--rate 3200"),
+    "no rate": ("x (g),y (g)\n", lambda i, a: f"{a:.4f},{i}", "--rate HZ"),
+    "one column": ("acc (g)\n", lambda i, a: f"{a:.4f}", "--rate HZ"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NO_TIMES)
+def test_what_does_not_show_in_the_numbers_is_asked(tmp_path: Path, name: str) -> None:
+    heading, row, remedy = NO_TIMES[name]
+    with pytest.raises(RecordingError) as refused:
+        read(_file(tmp_path, heading, row))
+    assert str(refused.value.finding.remedy).endswith(f": {remedy}")
+
+
+def test_a_rate_is_above_zero() -> None:
+    for rate in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(PalpateError, match="--rate"):
+            Stated(rate_hz=rate)
+
+
+def test_a_stated_rate_is_held_against_times(tmp_path: Path) -> None:
+    path = _file(tmp_path, "time_s,acc_g\n", lambda i, a: f"{i / 1000:.3f},{a:.4f}")
+    made = {rate: read(path, stated=Stated(rate_hz=rate)) for rate in (1000.0, 500.0)}
+    assert {rate: (one.rate_hz, [doubt.check for doubt in one.doubts]) for rate, one in made.items()} == {
+        1000.0: (1000.0, []), 500.0: (500.0, ["rate"]),
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("cell", ["nan", "n/a", "OVF"])
