@@ -8,7 +8,7 @@ imported when it is first asked for.
 
 import os
 
-__all__ = ["audit", "compare", "contact", "crinkle", "identify", "power", "rate", "read", "spectrum"]
+__all__ = ["audit", "compare", "contact", "crinkle", "detect", "identify", "power", "rate", "read", "spectrum"]
 
 __version__ = "0.2.0"
 

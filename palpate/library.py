@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from palpate.analysis.audit.audit import Audit
     from palpate.analysis.designs.comparison.results import Compared
+    from palpate.analysis.designs.detection.results import Detections
     from palpate.analysis.designs.rating.results import Ratings
     from palpate.analysis.identification.results import Results
     from palpate.analysis.power.simulate import Power
@@ -145,6 +146,29 @@ def rate(study: Study | PathLike) -> Ratings:
         As `read`; the study has no trial that counts, or is no study of ratings.
     """
     found: Ratings = _results(study, "rating")
+    return found
+
+
+def detect(study: Study | PathLike) -> Detections:
+    """Analyze the answers of a study of detection: thresholds by the rule of the levels and by fits, and d'.
+
+    Parameters
+    ----------
+    study
+        What `read` returned, or a dataset's folder.
+
+    Returns
+    -------
+    Detections
+        `to_frame()` has one row for each task, participant and signal: its trials, reversals and both thresholds in dB
+        above level 1, with the interval of the fitted one; `steps()` one for each trial of a track.
+
+    Raises
+    ------
+    DatasetError
+        As `read`; the study has no trial that counts, is no study of detection, or has no protocol in it.
+    """
+    found: Detections = _results(study, "detection")
     return found
 
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 MISSING = "n/a"
 FURTHER = {
     "masker_db_a": "masker_level",
+    "level": "level",
     **{f"{column}_s": column for column in ("prediction_error", "delivery_error", "gate_to_scheduled", "dead_time")},
     "stimulus_error": "stimulus_error",
     "left_out": "left_out",
@@ -190,7 +191,9 @@ class _Levels:
 
 def _design(sidecar: dict[str, Any]) -> TaskDesign:
     # A sidecar names its answers where these are not the materials.
-    return TaskDesign(sidecar["Design"], sidecar["Kind"], tuple(sidecar.get("Answers", sidecar["Materials"])))
+    name, answers = sidecar["Design"], tuple(sidecar.get("Answers", sidecar["Materials"]))
+    shown = {"intervals": 1 + (PLACES[1] in sidecar)}
+    return TaskDesign(name, sidecar["Kind"], answers, designs.design_of(name).shown_together(shown))
 
 
 def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -272,7 +275,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
     for key, known in (("Kind", kinds.NAMES), ("Design", designs.NAMES)):
         if sidecar.get(key) not in known:
             raise _wrong(path, key, sidecar.get(key), ", ".join(known))
-    if len(_presented(_design(sidecar))) != designs.design_of(sidecar["Design"]).intervals:
+    if len(_presented(asked := _design(sidecar))) != asked.intervals:
         raise _wrong(path, "Design", sidecar["Design"], f"a design that asks of what {sidecar['Kind']} presents")
     if not isinstance(rows, int):
         raise _wrong(path, "Rows", rows, "the number of rows")
@@ -281,7 +284,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
 
 def _columns(asked: TaskDesign) -> Columns:
     """Return the columns of a table of trials of a kind and a design."""
-    return columns_of(asked.kind, designs.design_of(asked.name).intervals)
+    return columns_of(asked.kind, asked.intervals)
 
 
 def _presented(asked: TaskDesign) -> list[str]:

@@ -173,11 +173,14 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskDesign:
-    """What a task asks: the name of its design, the kind of its trials, and the answers that it allows."""
+    """What a task asks: the name of its design, the kind of its trials, the answers that it allows, and of how many
+    materials at a time.
+    """
 
     name: str
     kind: str
     answers: tuple[str, ...]
+    intervals: int
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from pathlib import Path
@@ -134,6 +134,16 @@ def marked(section: Section, *marks: str) -> Section:
     first = marks[0] if marks else ""
     brief = tuple(replace(table, standing=table.standing or by_key.get(table.key, first)) for table in section.brief)
     return replace(section, tables=tables, brief=brief)
+
+
+def mark_of(stands: Standing, test: str, tasks: Sequence[str]) -> str:
+    """Return the mark of what a table has of several tasks: one, or that of each."""
+    marks = {task: stands.mark(test, task) for task in tasks}
+    return (
+        next(iter(marks.values()))
+        if len(set(marks.values())) == 1
+        else "; ".join(f"{task}: {mark}" for task, mark in marks.items())
+    )
 
 
 def icc_marks(study: Study, stands: Standing, results: Results) -> tuple[str, ...]:

@@ -70,8 +70,8 @@ class TaskText:
     """What the sidecar of a task's events says.
 
     `materials` maps ids to descriptions, `presented` are the task's, None for all; `session_id` is None without a
-    journal. `kind` and `design` are those of its trials; `answers` are those that are no materials, each with what it
-    names.
+    journal. `kind` and `design` are those of its trials, which present so many materials at `intervals`, if the design
+    leaves that open; `answers` are those that are no materials, each with what it names.
     """
 
     id: str
@@ -87,6 +87,7 @@ class TaskText:
     design: str = "identification"
     answers: Mapping[str, str] = field(default_factory=dict)
     presented: tuple[str, ...] | None = None
+    intervals: int | None = None
 
 
 @dataclass(frozen=True)
@@ -234,7 +235,7 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
     path = beh_path(root, participant, task.id, "events.tsv")
     attempts = list(rows)
     known = {name for row in attempts for name in row}
-    own = columns_of(task.kind, design_of(task.design).intervals)
+    own = columns_of(task.kind, design_of(task.design).shown_together({"intervals": task.intervals}))
     further = {**columns_of("further"), **columns_of("answers")}
     texts = {**own, **{name: text for name, text in further.items() if name in known}}
     described = _described(texts, task.origin)

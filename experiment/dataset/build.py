@@ -280,5 +280,6 @@ def task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: s
         session_id=session_id,
         kind=task.kind,
         design=task.design,
+        intervals=protocol.shown_together(task),
         answers=design.named(protocol),
     )

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 
 from palpate.experiment.errors import Finding, mismatch
 from palpate.experiment.protocol.blocks import count, number
-from palpate.experiment.protocol.designs import NAMES, design_of
-from palpate.experiment.protocol.kinds import table_at, tables_at
+from palpate.experiment.protocol.designs import NAMES, design_of, plannable_tests
+from palpate.experiment.protocol.kinds import list_at, number_at, table_at, tables_at
 from palpate.experiment.protocol.models import Levels, Protocol, Task
+from palpate.experiment.protocol.page.words import design_words
 from palpate.experiment.settings.load import Broken, Table, written
 
 
@@ -25,10 +26,20 @@ def broken(table: Table) -> Iterator[Broken]:
         if table_at(task, "order").get("kind") in ("full-random", "max-run"):
             allowed = "blocked-random: with levels each block has one trial of each track"
             yield Broken(("tasks", i, "order", "kind"), allowed)
+        yield from _unbalanced(table, i, task)
     for i, rule in tables_at(table, "exclusion"):
         if rule.get("when") == "answers-below":
             allowed = "another rule: how many trials a task with levels has depends on the answers"
             yield Broken(("exclusion", i, "when"), allowed)
+
+
+def _unbalanced(table: Table, place: int, task: Table) -> Iterator[Broken]:
+    """Yield constant levels that do not all come equally often."""
+    levels, repetitions = table_at(task, "levels"), number_at(task, "repetitions")
+    each = number_at(table_at(table, str(task.get("design"))), "signal_trials") or 1
+    count = len(list_at(levels, "grid"))
+    if levels.get("method") == "constant" and count and repetitions is not None and repetitions * each % count:
+        yield Broken(("tasks", place, "repetitions"), f"so many that each of the {count} levels comes equally often")
 
 
 def facts(task: Task) -> list[tuple[str, str]]:
@@ -36,15 +47,26 @@ def facts(task: Task) -> list[tuple[str, str]]:
     if (levels := task.levels) is None:
         return []
     grid = _numbers(levels.grid)
-    tracks = ("each material", "each two materials")[design_of(task.design).intervals - 1]
+    tracks = design_words(task).track
     return [
         (
             "Levels",
             f"every vibration of a trial is multiplied by a level: {grid}. None is stronger than one of "
             f"{number(levels.grid[-1])}, and this page states vibrations at level 1",
         ),
-        ("Chosen", f"by the answers to the trials before, {_rule(levels, tracks)}"),
+        ("Chosen", _constant(levels, tracks) if levels.method == "constant" else _chosen(levels, tracks)),
     ]
+
+
+def _chosen(levels: Levels, tracks: str) -> str:
+    return f"by the answers to the trials before, {_rule(levels, tracks)}"
+
+
+def _constant(levels: Levels, tracks: str) -> str:
+    return (
+        f"before the first trial, whatever is answered: {tracks} has each of the {len(levels.grid)} levels once in as "
+        "many of its trials, in random order. A trial that has an answer is not repeated"
+    )
 
 
 def _rule(levels: Levels, tracks: str) -> str:
@@ -79,9 +101,9 @@ def _numbers(values: tuple[float, ...] | None) -> str:
 
 def advice(protocol: Protocol) -> Iterator[Finding]:
     """Yield each planned test of a task with levels."""
-    adaptive = {task.id for task in protocol.tasks if task.levels is not None}
+    adaptive, plannable = {task.id for task in protocol.tasks if task.levels is not None}, plannable_tests()
     for place, test in enumerate(protocol.analysis):
-        if of := adaptive.intersection(test.tasks):
+        if (of := adaptive.intersection(test.tasks)) and not plannable[test.test].leveled:
             allowed = (
                 "as a rule tasks without levels: levels that follow from answers settle how many of these are right"
             )

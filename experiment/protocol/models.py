@@ -216,6 +216,11 @@ class KindTable(Confined):
         return {}
 
     @property
+    def peaks_m_s2(self) -> Mapping[str, float]:
+        """The peak of each material's stimulus at level 1, m/s^2, where the protocol states it."""
+        return {}
+
+    @property
     def trial_s(self) -> float:
         """How long the stimuli of a trial take at most, with pauses between them, s; 0 where a touch makes them."""
         return 0.0
@@ -257,12 +262,12 @@ class Order(Confined):
 class Levels(Confined):
     """How strong vibrations are, trial by trial.
 
-    Each material of an identification, and each pair of a comparison, has its own track.
+    Each material of an identification, pair of a comparison and signal of a detection has its own track.
 
     Attributes:
         method: `up-down` (Levitt 1971): `down` right answers in a row go a step down, a wrong one `up` steps up; or the
             level expected to tell most of threshold, spread and lapses (`quest-plus`, Watson 2017), or of the first two
-            (`psi`, Prins 2013).
+            (`psi`, Prins 2013); or each level as often as any other, whatever is answered (`constant`).
         grid: levels, rising; factors of every vibration.
         first: starting level of `up-down`.
         down: right answers in a row that lower the level: 2 for 70.7 % right, 3 for 79.4 %.
@@ -278,7 +283,7 @@ class Levels(Confined):
 
     RULES: ClassVar[Rules] = rules.levels
 
-    method: Literal["up-down", "quest-plus", "psi"]
+    method: Literal["up-down", "quest-plus", "psi", "constant"]
     grid: Annotated[tuple[Annotated[float, Field(gt=0, le=1)], ...], Field(min_length=2)]
     first: Annotated[float, Field(gt=0, le=1)] | None = None
     down: Annotated[int, Field(ge=1, le=10)] | None = None
@@ -299,12 +304,12 @@ class Task(Confined):
         id: its name in commands, files, tables.
         title: its name.
         kind: what triggers and plays a stimulus.
-        design: asks which material it is, or which of two has more of a quality. Formats 2 and 3 have none: `footstep`
-            means identification, `comparison` tapping.
+        design: asks which material it is, which of two has more of a quality, how much it has, or whether anything was
+            felt. Formats 2 and 3 have none: `footstep` means identification, `comparison` tapping.
         stimulus: synthesized or rendered, or real objects laid out.
         instruction: for the participant.
         participants: how many do it, those who enroll first.
-        repetitions: of each material, or each pair (half in either order).
+        repetitions: of each material, each pair (half in either order), or a detection's block.
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
         masker: this task's noise, if not that of `[masker]`.
@@ -478,9 +483,18 @@ class Protocol(Confined):
         return task.materials or tuple(material.id for material in self.materials)
 
     def presentations(self, task: Task) -> tuple[tuple[str, ...], ...]:
-        """Return what a task presents: each of its materials, or every pair of two, without levels one with itself."""
+        """Return what a block of a task presents: each of its materials, or every pair of two, without levels one with
+        itself; or what its design has.
+        """
+        design = design_of(task.design)
+        if design.presentations is not None:
+            return design.presentations(self, task)
         choose = combinations_with_replacement if task.levels is None else combinations
-        return tuple(choose(self.materials_of(task), design_of(task.design).intervals))
+        return tuple(choose(self.materials_of(task), self.shown_together(task)))
+
+    def shown_together(self, task: Task) -> int:
+        """Return how many materials one trial of a task presents."""
+        return design_of(task.design).shown_together(getattr(self, task.design, None))
 
     def trials(self, task: Task) -> int:
         """Return how many trials a participant has in a task, at most where it has levels."""

@@ -82,6 +82,7 @@ def order(table: Table) -> Iterator[Broken]:
 
 UP_DOWN = ("first", "down", "reversals"), ("up", "steps")
 EXPECTED = ("thresholds", "spreads_db", "lapses", "guess"), ("precision_db",)
+KEYS = {"up-down": UP_DOWN, "quest-plus": EXPECTED, "psi": EXPECTED, "constant": ((), ())}
 """Keys that a method of levels needs, and that it takes."""
 
 
@@ -89,7 +90,7 @@ def levels(table: Table) -> Iterator[Broken]:
     """`grid`, `thresholds`, `spreads_db` and `lapses` rise, `first` is one of `grid`, and `steps` do not rise.
 
     `up-down` needs `first`, `down` and `reversals`, and alone has `up` and `steps`; `quest-plus` and `psi` need
-    `thresholds`, `spreads_db`, `lapses` and `guess`, and alone have `precision_db`.
+    `thresholds`, `spreads_db`, `lapses` and `guess`, and alone have `precision_db`. `constant` has none of these.
     """
     method, grid, first = table.get("method"), list_at(table, "grid"), number_at(table, "first")
     for key in ("grid", "thresholds", "spreads_db", "lapses"):
@@ -99,11 +100,11 @@ def levels(table: Table) -> Iterator[Broken]:
         yield Broken(("steps",), "steps of which none is longer than the one before")
     if grid and first is not None and first not in grid:
         yield Broken(("first",), f"one of grid: {', '.join(map(str, grid))}")
-    if method not in ("up-down", "quest-plus", "psi"):
+    if method not in KEYS:
         return
-    own, others = (UP_DOWN, EXPECTED) if method == "up-down" else (EXPECTED, UP_DOWN)
-    yield from (Broken((key,), f"a value: '{method}' needs it") for key in own[0] if table.get(key) is None)
-    for key in (*others[0], *others[1]):
+    needed, further = KEYS[method]
+    yield from (Broken((key,), f"a value: '{method}' needs it") for key in needed if table.get(key) is None)
+    for key in (key for of in (*UP_DOWN, *EXPECTED) for key in of if key not in (*needed, *further)):
         if table.get(key) is not None:
             yield Broken((key,), f"no value: '{method}' does not use it")
 
@@ -211,11 +212,11 @@ def _kinds(table: Table) -> Iterator[Broken]:
     if design is not None:
         yield from _one(table, "design", design, designs.NAMES)
         yield from design_of(design).rules(table)
-        if design_of(design).intervals > 1:
+        if min(design_of(design).intervals) > 1:
             yield from pairs(table)
         yield from _tests(table, design)
     if kind is not None and design is not None:
-        fit = [name for name in designs.NAMES if design_of(name).intervals in kind_of(kind).intervals]
+        fit = [name for name in designs.NAMES if {*design_of(name).intervals} & {*kind_of(kind).intervals}]
         for i, _ in tables_at(table, "tasks") if design not in fit else ():
             yield Broken(("tasks", i, "design"), f"one of: {', '.join(fit)}, with tasks of the kind '{kind}'")
 
@@ -357,8 +358,11 @@ def _task_limits(table: Table) -> Iterator[Broken]:
 def _exclusion_limits(table: Table) -> Iterator[Broken]:
     tasks, exclusion = tables_at(table, "tasks"), tables_at(table, "exclusion")
     of = [(number_at(task, "repetitions"), len(_materials(table, task))) for _, task in tasks]
-    shown = design_of(design).intervals if (design := _first(table, "design", designs.NAMES)) is not None else 1
+    design = design_of(_first(table, "design", designs.NAMES) or designs.NAMES[0])
+    shown = design.intervals[0]
     trials = min((n * comb(m + shown - 1, shown) for n, m in of if n is not None), default=0)
+    if design.presentations is not None:
+        trials = 0
     slowest = [number_at(rule, "limit") for _, rule in exclusion if rule.get("when") == "speed-below"]
     for i, rule in exclusion:
         limit = number_at(rule, "limit")

@@ -195,11 +195,14 @@ class LevelChosen(OfAttempt):
 
 
 class TrackEnded(Entry):
-    """A track has no further trial: it had its reversals, its threshold is known, or all its trials have an answer."""
+    """A track has no further trial: it had its reversals, its threshold is known, or all its trials have an answer.
+
+    Catch trials, under the name of what they present, end with the other `tracks`.
+    """
 
     kind: Literal["track"] = "track"
     track: str
-    why: Literal["reversals", "trials", "precision"]
+    why: Literal["reversals", "trials", "precision", "tracks"]
 
 
 class Armed(OfAttempt):

@@ -18,7 +18,6 @@ from itertools import permutations
 from typing import Any, TypeVar
 
 from palpate.experiment.errors import RosterError, ScheduleError
-from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import PlannedTrial
 
@@ -81,7 +80,7 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
             counts = {material: task.repetitions for (material,) in presented}
             runs: Any = import_module("palpate.experiment.study.runs")
             order = [(material,) for material in runs.constrained(counts, max_run=task.order.max_run or 0, draws=draws)]
-    if design_of(task.design).intervals == 2:
+    if protocol.shown_together(task) == 2:
         order = _in_either_order(order, draws)
     return tuple(PlannedTrial(trial=place, presented=one) for place, one in enumerate(order, start=1))
 

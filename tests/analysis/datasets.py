@@ -59,6 +59,7 @@ def write_dataset(
     presented: Mapping[str, tuple[str, ...]] | None = None,
     kind: str | None = None,
     design: str | None = None,
+    intervals: int | None = None,
 ) -> Path:
     """A dataset of participant -> task -> rows of its events; `session_ids` of participant and task.
 
@@ -92,6 +93,7 @@ def write_dataset(
                 design=design or ("identification" if answers is None else "comparison"),
                 answers={answer: f"the {answer}" for answer in answers or ()},
                 presented=(presented or {}).get(task),
+                intervals=intervals,
             )
             write_files(events(root, label, said, [{**row, "origin": origin} for row in rows]))
     return root

@@ -70,10 +70,10 @@ def sections(study: Study, found: Ratings, printed: Published | None, _: Section
     ids = [task.task.id for task in found.tasks]
     parts = {
         stands.results: (
-            plan.marked(_means(found), mark_of(stands, MEANS, ids)),
+            plan.marked(_means(found), plan.mark_of(stands, MEANS, ids)),
             plan.marked(_people(found), plan.DESCRIPTIVE),
-            plan.marked(_agreement(found), mark_of(stands, AGREEMENT, ids)),
-            plan.marked(_power(found), mark_of(stands, POWER, ids)),
+            plan.marked(_agreement(found), plan.mark_of(stands, AGREEMENT, ids)),
+            plan.marked(_power(found), plan.mark_of(stands, POWER, ids)),
         ),
         "Left out": (plan.exclusions_section(study),),
     }
@@ -100,16 +100,6 @@ def _answers(study: Study, found: Ratings, stands: plan.Standing) -> Section:
         for (test, tasks), question in planned.items()
     )
     return Section("answers", "Questions and answers", (left_and_sure(study),), asked=asked)
-
-
-def mark_of(stands: plan.Standing, test: str, tasks: Sequence[str]) -> str:
-    """Return the mark of what a table has of several tasks: one, or that of each."""
-    marks = {task: stands.mark(test, task) for task in tasks}
-    return (
-        next(iter(marks.values()))
-        if len(set(marks.values())) == 1
-        else "; ".join(f"{task}: {mark}" for task, mark in marks.items())
-    )
 
 
 def _sentences(test: str, found: Ratings, tasks: Sequence[str]) -> str:

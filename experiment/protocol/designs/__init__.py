@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 
 from palpate.experiment.settings.load import Broken, Confined, Table
 
-Design = Literal["identification", "comparison", "rating"]
+Design = Literal["identification", "comparison", "rating", "detection"]
 """Every design."""
 
 NAMES: tuple[Design, ...] = get_args(Design)
@@ -25,6 +25,7 @@ class PlannableTest:
     """What a protocol states of a planned test: fields that it `needs`, and `takes`, each with the format it is from.
 
     It is of so many `tasks` and `materials`; each task presents so many, `common` to it if one, and to all if several.
+    `leveled` ones are of tasks with levels too.
     """
 
     needs: tuple[str, ...] = ()
@@ -34,6 +35,7 @@ class PlannableTest:
     each: int = 1
     common: tuple[int, int] = (0, 0)
     since: int = 2
+    leveled: bool = False
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class ProtocolDesign:
     Attributes:
         table: the model of the table with its name; None for a design that needs none.
         since: the format of protocols that has the table first, so that seals of older ones stay valid; 0 for all.
-        intervals: how many materials one trial presents.
+        intervals: how many materials one trial presents; of several, the one that its table has as `intervals`.
         tests: the tests that it offers to be planned, by name.
         rules: what a file breaks, beyond what every file must keep.
         answers: what each answer key stands for in a trial; of one that is laid out, with what lies there in order.
@@ -60,11 +62,13 @@ class ProtocolDesign:
         right: whether an answer is right, to what was presented in this order; None where none is right or wrong.
         shown: the answers that the participant's screen names.
         keys: places of keys that must be unlike all others, each with its key.
+        presentations: what a block presents; None where that is each material, or every pair of two, once.
+        catches: whether what is presented has no signal, so that the trial is of no track.
     """
 
     table: type[Confined] | None = None
     since: int
-    intervals: int
+    intervals: tuple[int, ...]
     tests: Mapping[str, PlannableTest]
     rules: Callable[[Table], Iterator[Broken]]
     answers: Callable[[Any, Sequence[str]], Mapping[str, Meaning]]
@@ -73,6 +77,13 @@ class ProtocolDesign:
     right: Callable[[Any, Sequence[str], str], bool] | None = None
     shown: Callable[[Any], tuple[str, ...]]
     keys: Callable[[Table], Sequence[tuple[tuple[str | int, ...], object]]] = lambda _: ()
+    presentations: Callable[[Any, Any], tuple[tuple[str, ...], ...]] | None = None
+    catches: Callable[[Any, Sequence[str]], bool] = lambda *_: False
+
+    def shown_together(self, own: object) -> int:
+        """Return how many materials one trial presents by the design's table: a model, a plain one, or none."""
+        stated = own.get("intervals") if isinstance(own, Mapping) else getattr(own, "intervals", None)
+        return next((one for one in self.intervals if one == stated), self.intervals[0])
 
 
 @cache

@@ -87,7 +87,7 @@ def _presents(protocol: Protocol, task: Task) -> str:
 DESIGN = ProtocolDesign(
     table=Comparison,
     since=0,
-    intervals=2,
+    intervals=(2,),
     tests=TESTS,
     rules=_rules,
     keys=_keys,

@@ -54,7 +54,7 @@ def _spoken(material: str, said: str) -> str:
 
 DESIGN = ProtocolDesign(
     since=0,
-    intervals=1,
+    intervals=(1,),
     tests=TESTS,
     rules=_rules,
     answers=_answers,

@@ -137,7 +137,7 @@ def _presents(protocol: Protocol, task: Task) -> str:
 DESIGN = ProtocolDesign(
     table=Rating,
     since=7,
-    intervals=1,
+    intervals=(1,),
     tests=TESTS,
     rules=_rules,
     keys=_keys,

@@ -28,6 +28,7 @@ class ProtocolKind:
         at_will: whether what a trial presents is felt at will, until the answer.
         rules: what a file breaks, beyond what every file must keep.
         keys: places of keys that must be unlike all others, each with its key.
+        silent: the materials of which nothing is felt.
     """
 
     table: type[Confined]
@@ -36,6 +37,7 @@ class ProtocolKind:
     at_will: bool = False
     rules: Callable[[Table], Iterator[Broken]]
     keys: Callable[[Table], Sequence[tuple[tuple[str, ...], object]]] = lambda _: ()
+    silent: Callable[[Table], Sequence[object]] = lambda _: ()
 
 
 def kind_of(name: str) -> ProtocolKind:

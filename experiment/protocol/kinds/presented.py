@@ -155,6 +155,9 @@ class Silence(Confined):
 WAVES = ("sinusoid", "decaying", "noise", "sweep", "pulses", "recorded", "silence")
 """What a part may be, by its table."""
 
+STATED = ("sinusoid", "decaying", "sweep", "pulses", "silence")
+"""Those of which the protocol states the peak."""
+
 
 def _part_rules(table: Table) -> Iterator[Broken]:
     """A part is exactly one wave, and both of its ramps end by its end."""
@@ -244,6 +247,12 @@ class Presented(KindTable):
         return longest_s if self.pause_s is None else 2 * longest_s + self.pause_s
 
     @property
+    def peaks_m_s2(self) -> dict[str, float]:
+        waves = {one.material: [part.wave for part in one.parts] for one in self.stimuli}
+        known = {material: own for material, own in waves.items() if all(name in STATED for name, _ in own)}
+        return {material: max(getattr(it, "amplitude_m_s2", 0.0) for _, it in own) for material, own in known.items()}
+
+    @property
     def companions(self) -> dict[str, str]:
         """The recordings that it names, each with its SHA-256."""
         parts = (part.recorded for one in self.stimuli for part in one.parts)
@@ -266,7 +275,8 @@ def _rules(table: Table) -> Iterator[Broken]:
     for i, task in tables_at(table, "tasks"):
         if task.get("stimulus") == "real":
             yield Broken(("tasks", i, "stimulus"), "virtual: with this kind the rig plays every stimulus")
-        several = task.get("design") in NAMES and design_of(str(task["design"])).intervals > 1
+        design = str(task.get("design"))
+        several = design in NAMES and design_of(design).shown_together(table_at(table, design)) > 1
         if several and own and own.get("pause_s") is None:
             allowed = "a number of seconds: a trial of this design presents several stimuli"
             yield Broken(("presented", "pause_s"), allowed)
@@ -296,4 +306,9 @@ def _stimuli(table: Table, own: Table) -> Iterator[Broken]:
                     yield Broken(place, f"at most exposure.vibration_peak_m_s2 ({peak:g})")
 
 
-KIND = ProtocolKind(table=Presented, since=7, intervals=(1, 2), rules=_rules)
+def _silent(table: Table) -> list[object]:
+    stimuli = [one for _, one in tables_at(table_at(table, "presented"), "stimuli")]
+    return [one.get("material") for one in stimuli if all(part.get("silence") for _, part in tables_at(one, "parts"))]
+
+
+KIND = ProtocolKind(table=Presented, since=7, intervals=(1, 2), rules=_rules, silent=_silent)

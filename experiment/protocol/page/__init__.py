@@ -25,7 +25,6 @@ from palpate.experiment.protocol.blocks import (
     named,
     number,
 )
-from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 from palpate.experiment.protocol.page.words import design_words, kind_words
 from palpate.experiment.settings.load import written
@@ -312,7 +311,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         for task in protocol.tasks
     ]
     yield Rows((columns, *rows))
-    if paired := design_words(protocol.tasks[0]).pairs:
+    if paired := design_words(protocol.tasks[0]).pairs(protocol):
         yield Gap()
         yield Said(paired)
     for task in protocol.tasks:
@@ -334,7 +333,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
 
 
 def _noun(protocol: Protocol) -> str:
-    return ("material", "pair")[design_of(protocol.tasks[0].design).intervals - 1]
+    return design_words(protocol.tasks[0]).noun
 
 
 _ALONE = "alone are presented; answers may be any of the study's materials"

@@ -14,7 +14,9 @@ def _question_words(protocol: Protocol) -> str:
 
 WORDS = DesignWords(
     answers=lambda protocol: list(protocol.table(Comparison).answers.items()),
-    pairs=(
+    noun="pair",
+    track="each two materials",
+    pairs=lambda _: (
         "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at random, "
         "the one of its materials is presented first, in the other half the other."
     ),

@@ -33,6 +33,8 @@ class DesignWords:
 
     Attributes:
         answers: keys of answers, each with what it stands for.
+        noun: what a block has each of once.
+        track: what has levels of its own.
         pairs: how what is presented is put together.
         asked: what is asked about what is presented.
         ranked: in which order materials are listed.
@@ -41,7 +43,9 @@ class DesignWords:
     """
 
     answers: Callable[[Protocol], Sequence[tuple[str | None, str]]]
-    pairs: str = ""
+    noun: str = "material"
+    track: str = "each material"
+    pairs: Callable[[Protocol], str] = lambda _: ""
     asked: Callable[[Protocol], str] = lambda _: ""
     ranked: Callable[[Protocol], str] = lambda _: ""
     tests: Mapping[str, str] = field(default_factory=dict)

@@ -2,8 +2,9 @@
 
 A session asks `Tracks.upcoming` before every attempt, and a dataset's check replays a journal by the same function. The
 next level is a fold over the answers that count, each with the level that is on record for its trial, so that neither a
-correction nor a newer version changes what was. A method is a module that is named as in a protocol file and has a
-`method`; it is imported when a task with it is run or checked.
+correction nor a newer version changes what was. Catch trials are of no track: they have no level, and move none. A
+method is a module that is named as in a protocol file and has a `method`; it is imported when a task with it is run or
+checked.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,8 +16,9 @@ from typing import Any, Literal, Protocol
 from palpate.experiment.findings import Finding
 from palpate.experiment.protocol import models
 from palpate.experiment.protocol.designs import design_of
-from palpate.experiment.records.entries import Armed, Entry, Footer, LevelChosen, PlannedTrial, TrackEnded
+from palpate.experiment.records.entries import Armed, Entry, Footer, Header, LevelChosen, PlannedTrial, TrackEnded
 from palpate.experiment.records.progress import Progress, progress
+from palpate.experiment.study.levels.constant import levels_by_trial
 
 RESTORE = "restore the journal from a backup"
 
@@ -25,7 +27,7 @@ class Method(Protocol):
     """How the levels of one track follow from its answers; a state is immutable, and its own."""
 
     @property
-    def ends(self) -> Literal["reversals", "precision"]:
+    def ends(self) -> Literal["reversals", "precision", "trials"]:
         """Why it ends a track that has trials left."""
 
     def init(self) -> Any:
@@ -50,7 +52,9 @@ class Tracks:
 
     def upcoming(self, done: Progress) -> Iterator[LevelChosen | TrackEnded]:
         """Yield what goes on record before the next attempt: each track that has ended, then the attempt's level."""
-        method, states = method_of(self.task), self._states(done)
+        method, states, catches = method_of(self.task), self._states(done), self._catches(done.header)
+        grid = self.task.levels.grid if self.task.levels is not None and method.ends == "trials" else ()
+        fixed = levels_by_trial(done.header, grid, catches)
         for track, state in states.items():
             if track in done.ended:
                 continue
@@ -59,14 +63,23 @@ class Tracks:
                 entry = TrackEnded(track=track, why=method.ends if is_over else "trials")
                 yield entry
                 done = done.after(entry)
+        if states.keys() <= done.ended:
+            for name in sorted({*catches.values()} - done.ended):
+                entry = TrackEnded(track=name, why="tracks")
+                yield entry
+                done = done.after(entry)
         for planned in done.remaining[:1]:
+            if planned.trial in catches:
+                continue
             attempt, level = done.attempts.get(planned.trial, 0) + 1, method.level(states[planned.track])
+            level = fixed.get(planned.trial, level)
             if level is not None:
                 yield LevelChosen(trial=planned.trial, attempt=attempt, track=planned.track, level=level)
 
     def findings(self, path: Path, recorded: Sequence[Entry]) -> Iterator[Finding]:
         """Yield the first entry of a journal, the header first, that is not what the ones before it lead to."""
         done, chosen = progress(recorded[:1]), (0, 0)
+        catches = self._catches(done.header)
         for line, entry in enumerate(recorded[1:], start=2):
             if isinstance(entry, LevelChosen | TrackEnded):
                 expected = next(self.upcoming(done), None)
@@ -77,7 +90,7 @@ class Tracks:
                     return
             if isinstance(entry, LevelChosen):
                 chosen = entry.trial, entry.attempt
-            if isinstance(entry, Armed) and chosen != (entry.trial, entry.attempt):
+            if isinstance(entry, Armed) and chosen != (entry.trial, entry.attempt) and entry.trial not in catches:
                 yield Finding(f"has {entry.label} without a level on record", path, line=line, remedy=RESTORE)
                 return
             if isinstance(entry, Footer) and entry.reason == "complete" and (left := next(self.upcoming(done), None)):
@@ -92,13 +105,21 @@ class Tracks:
         is_same = entry.model_copy(update={"level": expected.level}) == expected
         return is_same and method_of(self.task).allows(self._states(done)[entry.track], entry.level)
 
+    def _catches(self, header: Header) -> dict[int, str]:
+        """Return the trials that are of no track, each with the name of what it presents."""
+        catches, every = design_of(self.task.design).catches, {one.presented for one in header.order}
+        without = {presented for presented in every if catches(self.protocol, presented)}
+        return {one.trial: one.track for one in header.order if one.presented in without}
+
     def _states(self, done: Progress) -> dict[str, Any]:
         """Return the state of each track, in the order of their names."""
         method = method_of(self.task)
-        states = {track: method.init() for track in sorted({planned.track for planned in done.header.order})}
+        catches = self._catches(done.header)
+        tracks = {planned.track for planned in done.header.order if planned.trial not in catches}
+        states = {track: method.init() for track in sorted(tracks)}
         right, planned = design_of(self.task.design).right, {one.trial: one for one in done.header.order}
         for trial, answered in done.said:
-            if right is not None and answered is not None and trial in done.levels:
+            if right is not None and answered is not None and trial in done.levels and trial not in catches:
                 one: PlannedTrial = planned[trial]
                 is_right = right(self.protocol, one.presented, answered)
                 states[one.track] = method.step(states[one.track], level=done.levels[trial], right=is_right)

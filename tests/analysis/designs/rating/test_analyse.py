@@ -13,7 +13,6 @@ from syrupy.assertion import SnapshotAssertion
 
 import palpate
 from palpate.analysis.analyse import Analysis, analyse
-from palpate.analysis.designs import rating
 from palpate.analysis.designs.rating import results
 from palpate.analysis.export import files
 from palpate.analysis.reading.dataset import read
@@ -86,9 +85,9 @@ def test_ratings_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
 
 def test_a_table_of_several_tasks_has_the_mark_of_each_where_they_differ() -> None:
     planned = plan.Standing(frozenset({("power law", "one")}), frozenset(), frozenset())
-    marks = dict(one.split(": ") for one in rating.mark_of(planned, "power law", ("one", "two")).split("; "))
+    marks = dict(one.split(": ") for one in plan.mark_of(planned, "power law", ("one", "two")).split("; "))
     assert marks == {"one": "planned", "two": "exploratory"}
-    assert rating.mark_of(planned, "power law", ("one",)) == "planned"
+    assert plan.mark_of(planned, "power law", ("one",)) == "planned"
 
 
 def test_datasets_whose_ratings_are_of_different_scales_are_not_pooled(tmp_path: Path) -> None:

@@ -1,0 +1,257 @@
+"""Detection: a trial asks whether something was felt, or in which of two intervals.
+
+A study whose answers are yes and no, or first and second, comes in. Thresholds by the rule of the levels and by fitted
+psychometric functions, tracks and d' go out, with the sections and figures that show them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palpate.analysis.designs import AnalysisDesign, Described
+from palpate.analysis.designs.detection import results
+from palpate.analysis.designs.detection.results import Detections, TaskDetections, Threshold, Track
+from palpate.analysis.documents.tables import Asked, Column, Record, Section, formulas, number, plural, span, tabulate
+from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.study import Study
+from palpate.analysis.report import plan
+from palpate.analysis.report.answers import left_and_sure
+from palpate.experiment.errors import DatasetError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from palpate.experiment.protocol.models import PlannedTest
+
+THRESHOLD, SENSITIVITY = "threshold", "sensitivity"
+"""The tests that a protocol may plan."""
+
+QUESTIONS = {THRESHOLD: "From which level on is a signal felt?", SENSITIVITY: "How large is d'?"}
+"""What a test asks where no protocol words it."""
+
+ENOUGH = 10
+"""With fewer trials at a level the report shows no d' there, but the file does; ours."""
+
+OVER = (
+    Column("task", left=True), Column("signal", left=True), Column("by", left=True), Column("n", "participants"),
+    Column("db", "dB", 2), Column("sd", "SD", 2), Column(("low", "high"), "95 % CI", 2), Column("m_s2", "m/s²", 4),
+)  # fmt: skip
+TRACKS = (
+    Column("task", left=True), Column("participant", left=True), Column("signal", left=True), Column("trials"),
+    Column("threshold_db", "fit dB", 2), Column(("low", "high"), "95 % CI", 2), Column("threshold_m_s2", "m/s²", 4),
+    Column("spread_db", "spread dB", 2), Column("lapse", decimals=2), Column("guess", decimals=2),
+    Column("reversals"), Column("rule_db", "rule dB", 2), Column("rule_sd", "SD", 2),
+    Column("rule_share", "at share", 3), Column("at_share_db", "fit there", 2), Column("statement", "", left=True),
+)  # fmt: skip
+D_PRIMES = (
+    Column("task", left=True), Column("participant", left=True), Column("signal", left=True),
+    Column("x_db", "dB", 2), Column("right"), Column("trials"), Column("hits"), Column("signals"),
+    Column("false_alarms", "false alarms"), Column("others"), Column("d", "d'", 2), Column("se", "SE", 2),
+    Column("criterion", "c", 2),
+)  # fmt: skip
+STEPS = (
+    Column("task", left=True), Column("participant", left=True), Column("signal", left=True), Column("trial"),
+    Column("level", decimals=6), Column("level_db", "dB", 2), Column("answered", left=True), Column("right"),
+    Column("reversal"),
+)  # fmt: skip
+
+FORMULA = {
+    "yes or no": "d' = z(hits) - z(false alarms), false alarms from catch trials",
+    "two intervals": 'd\' = (z(hits) - z(false alarms)) / √2, which is √2 z(right) without a bias; a hit is "first" '
+    'where it was the first, a false alarm "first" where it was the second',
+}
+"""The decision rule of d', in words."""
+
+
+def sections(study: Study, found: Detections, printed: Published | None, _: Section | None) -> tuple[Section, ...]:
+    """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
+    stands = plan.standing(study, printed)
+    ids = [task.task.id for task in found.tasks]
+    parts = {
+        stands.results: (
+            plan.marked(_thresholds(found), plan.mark_of(stands, THRESHOLD, ids)),
+            plan.marked(_tracks(found), plan.mark_of(stands, THRESHOLD, ids)),
+            plan.marked(_sensitivity(found), plan.mark_of(stands, SENSITIVITY, ids)),
+        ),
+        "Left out": (plan.exclusions_section(study),),
+    }
+    return (
+        _answers(study, found, stands),
+        _overview(study, found),
+        *(replace(section, part=part) for part, of in parts.items() for section in of),
+    )
+
+
+def _answers(study: Study, found: Detections, stands: plan.Standing) -> Section:
+    """Return each planned test with its one answer, or else thresholds."""
+    planned = {(test.test, test.tasks): plan.first_question(test) for test in study.plans()}
+    if not planned:
+        planned = {(THRESHOLD, tuple(task.task.id for task in found.tasks)): QUESTIONS[THRESHOLD]}
+    asked = tuple(
+        Asked(
+            question,
+            " ".join(_answer(test, task) for task in found.tasks if task.task.id in tasks),
+            stands.mark(test, *tasks),
+            _open(found, tasks) if test == THRESHOLD else (),
+        )
+        for (test, tasks), question in planned.items()
+    )
+    return Section("answers", "Questions and answers", (left_and_sure(study),), asked=asked)
+
+
+def _answer(test: str, task: TaskDetections) -> str:
+    """Return the answer of one task in a sentence."""
+    if test == SENSITIVITY:
+        known = [one.d.d for track in task.tracks for one in track.by_level if one.d and one.trials >= ENOUGH]
+        if not known:
+            return f"{task.task.id}: no d' of {ENOUGH} trials or more at a level."
+        return f"{task.task.id}: d' goes from {min(known):.2f} to {max(known):.2f} over participants and levels."
+    return f"{task.task.id}: {'; '.join(_threshold_words(one) for one in task.thresholds)}."
+
+
+def _open(found: Detections, tasks: Sequence[str]) -> tuple[str, ...]:
+    """Return a warning if the answers leave thresholds open, or nothing."""
+    tracks = [one for task in found.tasks if task.task.id in tasks for one in task.tracks]
+    names = [f"sub-{one.participant} ({one.signal})" for one in tracks if one.fit and one.fit.at_bound]
+    told = f"the answers of {', '.join(names)} leave the fitted threshold open on one side."
+    return (told,) if names else ()
+
+
+def _threshold_words(of: Threshold) -> str:
+    if of.fitted is None:
+        return f"no threshold of {of.signal}"
+    db = of.fitted
+    limits = "" if db.low is None or db.high is None else f" ({span(db.low, db.high, 2)})"
+    level = f"{number(db.value, 2)} dB{limits}"
+    peak = "" if of.peak_m_s2 is None else f", {of.peak_m_s2 * 10 ** (db.value / 20):.3g} m/s² at its peak,"
+    beside = "" if of.by_rule is None else f", and {number(of.by_rule.value, 2)} dB by the rule of the levels"
+    return f"the mean threshold of {of.signal} is {level}{peak} in {plural(db.n, 'participant')}{beside}"
+
+
+def _overview(study: Study, found: Detections) -> Section:
+    rows = tuple(
+        {"task": task.task.id, "title": task.task.title,
+         "participants": len({one.participant for one in task.tracks}), "trials": task.trials,
+         "without_answer": task.unanswered}
+        for task in found.tasks
+    )  # fmt: skip
+
+    def done(test: PlannedTest) -> str:
+        of = [_answer(test.test, task) for task in found.tasks if task.task.id in test.tasks]
+        return " ".join(of) or "not run: no trial"
+
+    section = plan.overview(study, rows, done, (THRESHOLD, SENSITIVITY))
+    times = [
+        f"In {task.task.id} the median response time was {task.response_time_s:.2f} s."
+        for task in found.tasks
+        if task.response_time_s is not None
+    ]
+    first, *rest = section.paragraphs
+    return replace(section, paragraphs=(first, f"Answers are {found.rule}.", *times, *rest))
+
+
+def _thresholds(found: Detections) -> Section:
+    records: list[Record] = [
+        {"task": task.task.id, "signal": one.signal, "by": by, "n": of.n, "db": of.value, "sd": of.sd, "low": of.low,
+         "high": of.high, "m_s2": None if one.peak_m_s2 is None else one.peak_m_s2 * 10 ** (of.value / 20)}
+        for task in found.tasks
+        for one in task.thresholds
+        for by, of in (("fit", one.fitted), ("rule of levels", one.by_rule))
+        if of is not None
+    ]  # fmt: skip
+    notes = [
+        "Means of the participants' thresholds, dB above level 1; SD and interval are over participants. m/s² is the "
+        "peak at the mean. A fit is at half of what is neither guessed nor missed; the rule of the levels has its own "
+        "share of right answers."
+    ]
+    return Section("thresholds", "Thresholds", (), (tabulate("Mean thresholds", OVER, records, notes),))
+
+
+def _tracks(found: Detections) -> Section:
+    records: list[Record] = [
+        {**results.record(task.task.id, one), "participant": f"sub-{one.participant}", "statement": _doubt(one)}
+        for task in found.tasks
+        for one in task.tracks
+    ]
+    notes = ("Interval of the posterior, 95 %. The rule of the levels: mean and SD of reversals, or of the posterior.",)
+    table = tabulate("Thresholds of each participant", TRACKS, records, notes)
+    said = tuple(
+        f"{task.task.id}: {sum(one.false_alarms for one in task.catches)} of "
+        f"{plural(sum(one.trials for one in task.catches), 'catch trial')} were a yes."
+        for task in found.tasks
+        if task.catches
+    )
+    return Section("tracks", "Each participant", said, (table,))
+
+
+def _doubt(of: Track) -> str:
+    """Return why a track has no threshold, or why that is doubtful, or nothing."""
+    is_open = "the answers leave the threshold open on one side" if of.fit and of.fit.at_bound else ""
+    return "; ".join(filter(None, (of.estimate.statement, of.statement, is_open)))
+
+
+def _d_primes(found: Detections, least: int) -> list[Record]:
+    return [
+        {"task": task.task.id, "participant": f"sub-{track.participant}", "signal": track.signal, "x_db": one.x_db,
+         "right": one.right, "trials": one.trials, "hits": one.hits, "signals": one.signals,
+         "false_alarms": one.false_alarms, "others": one.others, "d": one.d and one.d.d, "se": one.d and one.d.se,
+         "criterion": one.d and one.d.criterion}
+        for task in found.tasks
+        for track in task.tracks
+        for one in track.by_level
+        if one.trials >= least
+    ]  # fmt: skip
+
+
+def _sensitivity(found: Detections) -> Section:
+    said = f"By the rule {found.rule}: {FORMULA[found.rule]}; c is -(z(hits) + z(false alarms)) / 2."
+    notes = (f"At levels with {ENOUGH} trials or more; d-prime.csv has every level.",)
+    table = tabulate("d' of each participant", D_PRIMES, _d_primes(found, ENOUGH), notes)
+    return Section("sensitivity", "d'", (said,), (table,))
+
+
+def _further(found: Detections) -> tuple[Section, ...]:
+    frame = found.steps()
+    steps: list[Record] = [
+        {**dict(zip(frame.columns, row, strict=True)), "participant": f"sub-{row[1]}"}
+        for row in frame.itertuples(index=False, name=None)
+    ]
+    return (
+        Section("trials-of-tracks", "Tracks", (), (tabulate("Trials of each track", STEPS, steps),)),
+        Section("d-prime", "d'", (), (tabulate("d' at every level", D_PRIMES, _d_primes(found, 1)),)),
+    )
+
+
+def _compute(study: Study, _: Published | None, dissimilarities: Path | None) -> Detections:
+    if dissimilarities is not None:
+        raise DatasetError(study.id, "got --dissimilarities and detection", "leave it out", allowed="one of them")
+    return results.compute(study)
+
+
+def _export(
+    study: Study, frame: pd.DataFrame, exclusions: pd.DataFrame
+) -> tuple[Mapping[str, pd.DataFrame], Described]:
+    found = results.compute(study)
+    return {
+        "trials.csv": frame,
+        "tracks.csv": found.steps(),
+        "thresholds.csv": found.to_frame(),
+        "exclusions.csv": exclusions,
+    }, {}
+
+
+DESIGN = AnalysisDesign(
+    name="detection",
+    trials="detections",
+    function="detect",
+    compute=_compute,
+    sections=sections,
+    numbers=lambda found: {"rule": found.rule, "blank": found.blank, "tasks": found.tasks},
+    further=_further,
+    methods=lambda: formulas(Path(__file__).with_name("methods.md")),
+    export=_export,
+    figures="palpate.analysis.designs.detection.figures",
+)

@@ -1,0 +1,333 @@
+"""Results of detection: a threshold for each participant and signal, by the rule of the levels and by a fit, and d'.
+
+Levels are in dB above level 1 of the protocol. A track is one participant's trials with one signal in one task, in the
+order in which they were done. Answers at different levels are never counted together but in the fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import ndtri
+
+from palpate.analysis.reading.study import Study, Task
+from palpate.analysis.statistics.exact import Floats, NotDefined
+from palpate.analysis.statistics.participants import Mean, mean
+from palpate.analysis.statistics.psychophysics.psychometric import Fit, fit, psychometric
+from palpate.analysis.statistics.psychophysics.sensitivity import Rule, Sensitivity, sensitivity
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol.designs.detection import FIRST, YES, Detection
+from palpate.experiment.records.events import NO_ANSWER
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from palpate.experiment.protocol.models import Levels, Protocol
+
+RULES: dict[int, Rule] = {1: "yes or no", 2: "two intervals"}
+"""The decision rule of d', by how many intervals a trial has."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A trial of a track: `x_db` is its level, and `reversal` says that the track turned with it."""
+
+    trial: int
+    level: float
+    x_db: float
+    answered: str
+    right: bool
+    reversal: bool
+
+
+@dataclass(frozen=True)
+class AtLevel:
+    """Answers at one level: yes, or first, to `signals` (`hits`) and to what was none, or second (`false_alarms`)."""
+
+    x_db: float
+    right: int
+    trials: int
+    hits: int
+    signals: int
+    false_alarms: int
+    others: int
+    d: Sensitivity | None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The threshold by the rule of the levels: dB, its standard deviation, and the share of right answers it is at.
+
+    `method` says how; `statement` why there is none.
+    """
+
+    method: str
+    db: float | None
+    sd: float | None
+    share: float | None
+    statement: str = ""
+
+
+@dataclass(frozen=True)
+class Track:
+    """One participant's trials with one signal; `peak_m_s2` is that of level 1, None where no protocol states it.
+
+    `guess` is the share right without a signal that the fit takes. `at_share_db` is where the fitted function has the
+    share of `estimate`. `statement` says why there is no fit.
+    """
+
+    participant: str
+    signal: str
+    peak_m_s2: float | None
+    steps: tuple[Step, ...]
+    by_level: tuple[AtLevel, ...]
+    estimate: Estimate
+    guess: float
+    fit: Fit | None
+    at_share_db: float | None
+    statement: str
+
+    def m_s2(self, db: float | None) -> float | None:
+        """Return the peak at so many dB, m/s^2."""
+        return None if db is None or self.peak_m_s2 is None else self.peak_m_s2 * 10 ** (db / 20)
+
+
+@dataclass(frozen=True)
+class Catches:
+    """A participant's catch trials of a task, and how many were a yes."""
+
+    participant: str
+    trials: int
+    false_alarms: int
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """Mean thresholds of a signal over participants, dB, by the fits and by the rule of the levels."""
+
+    signal: str
+    peak_m_s2: float | None
+    fitted: Mean | None
+    by_rule: Mean | None
+
+
+@dataclass(frozen=True)
+class TaskDetections:
+    """The answers of one task."""
+
+    task: Task
+    trials: int
+    unanswered: int
+    response_time_s: float | None
+    tracks: tuple[Track, ...]
+    catches: tuple[Catches, ...]
+    thresholds: tuple[Threshold, ...]
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Everything that a study of detection gives; `rule` is the decision rule of d'."""
+
+    materials: tuple[str, ...]
+    blank: str | None
+    rule: Rule
+    tasks: tuple[TaskDetections, ...]
+
+    def __repr__(self) -> str:
+        told = "; ".join(f"{one.task.id}, {one.trials} trials, {len(one.tracks)} tracks" for one in self.tasks)
+        return f"<Detections by {self.rule}: {told}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row for each task, participant and signal: both thresholds, and the fitted function."""
+        import pandas as pd
+
+        columns = ("reversals", "rule_db", "rule_sd", "rule_share", "threshold_db", "low", "high", "threshold_m_s2",
+                   "spread_db", "lapse", "guess")  # fmt: skip
+        frame = pd.DataFrame([record(task.task.id, one) for task in self.tasks for one in task.tracks])
+        return frame.astype(dict.fromkeys(columns, "float64"))
+
+    def steps(self) -> pd.DataFrame:
+        """Return a row for each trial of each track: its level, the answer, and whether the track turned."""
+        import pandas as pd
+
+        rows = [
+            (task.task.id, one.participant, one.signal, step.trial, step.level, step.x_db, one.m_s2(step.x_db),
+             step.answered, int(step.right), int(step.reversal))
+            for task in self.tasks for one in task.tracks for step in one.steps
+        ]  # fmt: skip
+        names = ["task", "participant", "signal", "trial", "level", "level_db", "peak_m_s2", "answered", "right",
+                 "reversal"]  # fmt: skip
+        return pd.DataFrame(rows, columns=names).astype({"peak_m_s2": "float64"})
+
+
+def record(task: str, of: Track) -> dict[str, object]:
+    """Return what a table has of a track."""
+    found, rule = of.fit, of.estimate
+    return {
+        "task": task, "participant": of.participant, "signal": of.signal, "trials": len(of.steps),
+        "reversals": sum(step.reversal for step in of.steps), "method": rule.method, "rule_db": rule.db,
+        "rule_sd": rule.sd, "rule_share": rule.share,
+        "threshold_db": found and found.threshold.value, "low": found and found.threshold.low,
+        "high": found and found.threshold.high, "threshold_m_s2": of.m_s2(found.threshold.value if found else None),
+        "spread_db": found and found.spread.value, "lapse": found and found.lapse.value, "guess": of.guess,
+        "open": bool(found and found.at_bound), "at_share_db": of.at_share_db,
+        "statement": "; ".join(filter(None, (rule.statement, of.statement))),
+    }  # fmt: skip
+
+
+def compute(study: Study) -> Detections:
+    """Return every result of a study of detection. Raises `DatasetError` without a protocol, or with several."""
+    known = [own for part in study.parts if part.protocol is not None and (own := part.protocol.find(Detection))]
+    if len(known) < len(study.parts):
+        got, remedy = "got a dataset without its protocol", "restore sourcedata/protocol.toml"
+        raise DatasetError(f"study {study.id}", got, remedy, allowed="one that says what the blank is")
+    if any(one != known[0] for one in known[1:]):
+        got = "got datasets of different intervals, blanks or answers"
+        raise DatasetError(f"study {study.id}", got, "analyse each by itself", allowed="one table [detection]")
+    own = known[0]
+    tasks = tuple(_task(study, task, own) for task in study.tasks if len(study.trials(task.id)))
+    return Detections(study.materials, own.blank, RULES[own.intervals], tasks)
+
+
+def _task(study: Study, task: Task, own: Detection) -> TaskDetections:
+    trials = study.trials(task.id)
+    said = trials[trials["answered"] != NO_ANSWER].copy()
+    shown = ["first", "second"] if own.intervals == 2 else ["presented"]
+    is_signal = said[shown] != own.blank
+    said["signal"] = said[shown].where(is_signal).bfill(axis=1).iloc[:, 0] if len(said) else ""
+    said["lead"] = is_signal[shown[0]]
+    said["claimed"] = said["answered"].isin((YES, FIRST))
+    tracks, catches = [], []
+    for who in [one for one in study.participants if one in set(said["participant"])]:
+        theirs = said[said["participant"] == who]
+        none = theirs[theirs["signal"].isna()]
+        protocol = next(one for part in study.parts if who in part.participants if (one := part.plan(who, task.id)))
+        caught = Catches(who, len(none), int(none["claimed"].sum()))
+        catches += [caught] if len(none) else []
+        by_signal = {signal: theirs[theirs["signal"] == signal] for signal in task.presented}
+        tracks += [_track(rows, caught, one, protocol, task.id, own) for one, rows in by_signal.items() if len(rows)]
+    times = said["response_time_s"].dropna()
+    return TaskDetections(
+        task=task,
+        trials=len(trials),
+        unanswered=len(trials) - len(said),
+        response_time_s=float(times.median()) if len(times) else None,
+        tracks=tuple(tracks),
+        catches=tuple(catches),
+        thresholds=tuple(
+            _mean_threshold([one for one in tracks if one.signal == signal])
+            for signal in task.presented
+            if any(one.signal == signal for one in tracks)
+        ),
+    )
+
+
+def _mean_threshold(tracks: Sequence[Track]) -> Threshold:
+    """Return the means over the participants."""
+    fitted = np.array([one.fit.threshold.value for one in tracks if one.fit])
+    by_rule = np.array([one.estimate.db for one in tracks if one.estimate.db is not None])
+    peaks = {one.peak_m_s2 for one in tracks}
+    return Threshold(
+        tracks[0].signal,
+        next(iter(peaks)) if len(peaks) == 1 else None,
+        mean(fitted) if len(fitted) else None,
+        mean(by_rule) if len(by_rule) else None,
+    )
+
+
+def _track(rows: pd.DataFrame, caught: Catches, signal: str, protocol: Protocol, task: str, own: Detection) -> Track:
+    planned = protocol.task(task)
+    level = rows["level"].fillna(1.0).to_numpy(dtype=np.float64)
+    x, right = 20 * np.log10(level), (rows["lead"] == rows["claimed"]).to_numpy(dtype=bool)
+    turned = reversals(right.tolist(), planned.levels)
+    steps = tuple(
+        Step(int(trial), float(at), float(db), str(said), bool(good), place in turned)
+        for place, (trial, at, db, said, good) in enumerate(
+            zip(rows["trial"], level, x, rows["answered"], right, strict=True)
+        )
+    )
+    guess = 0.5 if own.intervals == 2 else (caught.false_alarms + 0.5) / (caught.trials + 1) if caught.trials else 0.0
+    estimate = threshold_by_rule(x, right, turned, planned.levels)
+    by_level = tuple(_at_level(rows[level == at], caught, own) for at in sorted(set(level.tolist())))
+    fitted, statement, at_share = None, "", None
+    try:
+        counts = np.array([(one.x_db, one.right, one.trials) for one in by_level]).T
+        fitted = fit(*counts, guess=guess)
+        at_share = _where(fitted, estimate.share)
+    except NotDefined as error:
+        statement = str(error)
+    peak = protocol.kind_table(planned).peaks_m_s2.get(signal)
+    return Track(caught.participant, signal, peak, steps, by_level, estimate, guess, fitted, at_share, statement)
+
+
+def _where(of: Fit, share: float | None) -> float | None:
+    """Return at how many dB the fitted function has a share of right answers, by its medians."""
+    if share is None or not 0 < (felt := (share - of.guess) / (1 - of.guess - of.lapse.value)) < 1:
+        return None
+    return of.threshold.value + of.spread.value * float(ndtri(felt))
+
+
+def _at_level(rows: pd.DataFrame, caught: Catches, own: Detection) -> AtLevel:
+    lead = rows[rows["lead"]]
+    hits, signals = int(lead["claimed"].sum()), len(lead)
+    alarms, others = caught.false_alarms, caught.trials
+    if own.intervals == 2:
+        other = rows[~rows["lead"]]
+        alarms, others = int(other["claimed"].sum()), len(other)
+    try:
+        d = sensitivity(hits, signals, alarms, others, RULES[own.intervals])
+    except NotDefined:
+        d = None
+    right = int((rows["lead"] == rows["claimed"]).sum())
+    x_db = 20 * float(np.log10(rows["level"].fillna(1.0).iloc[0]))
+    return AtLevel(x_db, right, len(rows), hits, signals, alarms, others, d)
+
+
+def reversals(right: Sequence[bool], levels: Levels | None) -> tuple[int, ...]:
+    """Return the places of the trials after which an up-down track turned; none of other methods (Levitt 1971)."""
+    if levels is None or levels.down is None:
+        return ()
+    turned, run, way = [], 0, 0
+    for place, good in enumerate(right):
+        run = run + 1 if good else 0
+        if good and run < levels.down:
+            continue
+        new, run = (-1 if good else 1), 0
+        if way == -new:
+            turned.append(place)
+        way = new
+    return tuple(turned)
+
+
+def threshold_by_rule(x: Floats, right: np.ndarray, turned: Sequence[int], levels: Levels | None) -> Estimate:
+    """Return the threshold by the rule of the levels, from levels x in dB and right answers, each of shape (trials,).
+
+    Of an up-down track, the mean of the levels at its reversals with the last step, of which an even number, the last,
+    count (Levitt 1971): it is where p^down = up / (up + 1) are right. Of `quest-plus` and `psi`, mean and standard
+    deviation of the posterior on the protocol's own thresholds, spreads and lapses.
+    """
+    if levels is None or levels.method == "constant":
+        return Estimate("constant" if levels else "one level", None, None, None)
+    if levels.down is not None:
+        up = levels.up or 1
+        share = (up / (up + 1)) ** (1 / levels.down)
+        last = list(turned)[len(levels.steps or (1,)) - 1 :]
+        last = last[len(last) % 2 :]
+        if not last:
+            return Estimate("reversals", None, None, share, "too few reversals with the last step")
+        at = np.asarray(x)[last]
+        return Estimate("reversals", float(at.mean()), float(at.std(ddof=1)), share)
+    t = 20 * np.log10(np.asarray(levels.thresholds))
+    guess, log = levels.guess or 0.0, np.zeros((len(t), len(levels.spreads_db or ()), len(levels.lapses or ())))
+    for i, at in enumerate(t.tolist()):
+        for j, spread in enumerate(levels.spreads_db or ()):
+            for k, lapse in enumerate(levels.lapses or ()):
+                share = np.clip(psychometric(x, at, spread, guess, lapse), 1e-12, 1 - 1e-12)
+                log[i, j, k] = np.log(np.where(right, share, 1 - share)).sum()
+    weight = np.exp(log - log.max()).sum(axis=(1, 2))
+    weight /= weight.sum()
+    center = float(weight @ t)
+    return Estimate("posterior", center, float(np.sqrt(weight @ (t - center) ** 2)), guess + (1 - guess) / 2)

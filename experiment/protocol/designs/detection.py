@@ -1,0 +1,173 @@
+"""Detection in a protocol: whether anything was felt, or in which of two intervals it was.
+
+With one stimulus in a trial participants say yes or no, and catch trials present nothing. With two, one of which is
+nothing, they say which one it was in; in half of the trials with a signal, drawn ahead, it is the first.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from palpate.experiment.protocol.designs import Meaning, PlannableTest, ProtocolDesign
+from palpate.experiment.protocol.kinds import NAMES, kind_of, number_at, table_at, tables_at
+from palpate.experiment.protocol.models import Protocol, Task
+from palpate.experiment.settings.load import Broken, Confined, Key, Name, Table
+
+YES, NO, FIRST, SECOND = "yes", "no", "first", "second"
+KEYS = {1: {"yes_key": YES, "no_key": NO}, 2: {"first_key": FIRST, "second_key": SECOND}}
+"""Each key, with the answer that goes on record, by how many stimuli a trial presents."""
+
+WORDS = {YES: "yes", NO: "no", FIRST: "the first", SECOND: "the second"}
+NAMED = {
+    YES: "something was felt",
+    NO: "nothing was felt",
+    FIRST: "something was felt in the first interval",
+    SECOND: "something was felt in the second",
+}
+"""What an answer says, for the experimenter, and as the sidecar of a dataset tells it."""
+
+TESTS = {name: PlannableTest(since=7, leveled=True) for name in ("threshold", "sensitivity")}
+"""The planned tests: thresholds of psychometric functions, and d'."""
+
+
+class Detection(Confined):
+    """What trials of the design `detection` need: in each, a participant says whether, or when, something was felt.
+
+    Every material but `blank` is a signal.
+
+    Attributes:
+        intervals: stimuli of a trial: 1, and participants say yes or no; 2, one of which is `blank`, and they say which
+            one had the signal: each in half of the trials, drawn ahead.
+        blank: the material that is nothing; needed by catch trials and by two intervals.
+        signal_trials: trials of each signal in a block.
+        catch_trials: trials of a block that present `blank` alone; only yes or no.
+        yes_key: something was felt.
+        no_key: nothing was.
+        first_key: it was in the first interval.
+        second_key: in the second.
+    """
+
+    intervals: Literal[1, 2]
+    blank: Name | None = None
+    signal_trials: Annotated[int, Field(ge=1, le=100)] = 1
+    catch_trials: Annotated[int, Field(ge=0, le=100)] = 0
+    yes_key: Key | None = None
+    no_key: Key | None = None
+    first_key: Key | None = None
+    second_key: Key | None = None
+
+    @property
+    def answers(self) -> dict[str, str]:
+        """What participants may answer, by its key."""
+        return {str(getattr(self, name)): answer for name, answer in KEYS[self.intervals].items()}
+
+
+def _rules(table: Table) -> Iterator[Broken]:
+    """The design `detection` needs `[detection]`, with `yes_key` and `no_key`, or `first_key` and `second_key`.
+
+    `blank` is a material of which its kind of trial plays nothing; two intervals and catch trials need it, and every
+    task presents it. `intervals` are as many as a trial of the kind may present. Orders are not `max-run`. With two,
+    there are no `catch_trials`, and each signal has an even number of trials. No material has `key` or `spoken`,
+    and `answers.microphone` is false.
+    """
+    if table.get("detection") is None:
+        yield Broken(("detection",), "a table: tasks of the design 'detection' need it")
+        return
+    own = table_at(table, "detection")
+    shown = 2 if own.get("intervals") == 2 else 1
+    for number, keys in KEYS.items():
+        for key in keys:
+            if (own.get(key) is None) == (number == shown):
+                yield Broken(("detection", key), "a key" if number == shown else f"no value, with intervals = {shown}")
+    for i, one in tables_at(table, "materials"):
+        for key in ("key", "spoken"):
+            if one.get(key):
+                yield Broken(("materials", i, key), "no value: participants detect materials, and name none")
+    if table_at(table, "answers").get("microphone") is True:
+        yield Broken(("answers", "microphone"), "false: nobody names a material")
+    yield from _blank(table, own, shown)
+    for i, task in tables_at(table, "tasks"):
+        yield from _task(task, ("tasks", i), own, shown)
+
+
+def _blank(table: Table, own: Table, shown: int) -> Iterator[Broken]:
+    kinds = [kind_of(str(task["kind"])) for _, task in tables_at(table, "tasks") if task.get("kind") in NAMES]
+    blank, silent = own.get("blank"), [one for kind in kinds[:1] for one in kind.silent(table)]
+    catches = number_at(own, "catch_trials") or 0
+    if shown == 2 and catches:
+        yield Broken(("detection", "catch_trials"), "0: with two intervals every trial has a signal")
+    needed = shown == 2 or catches
+    if blank not in silent and (needed or blank is not None):
+        every = ", ".join(map(str, silent)) or "none has such a stimulus"
+        yield Broken(("detection", "blank"), f"a material whose stimulus is silence: {every}")
+    for kind in kinds[:1]:
+        if shown not in kind.intervals:
+            yield Broken(("detection", "intervals"), f"{kind.intervals[0]}, as many as a trial of this kind presents")
+
+
+def _task(task: Table, place: tuple[str | int, ...], own: Table, shown: int) -> Iterator[Broken]:
+    presented, repetitions = task.get("materials"), number_at(task, "repetitions")
+    if isinstance(presented, tuple) and (own.get("blank") or presented[0]) not in presented:
+        yield Broken((*place, "materials"), "detection.blank among others")
+    if isinstance(presented, tuple) and [*presented] == [own.get("blank")]:
+        yield Broken((*place, "materials"), "a signal among others")
+    if table_at(task, "order").get("kind") == "max-run":
+        yield Broken((*place, "order", "kind"), "one of: full-random, blocked-random, with detection")
+    if shown == 2 and repetitions is not None and repetitions * (number_at(own, "signal_trials") or 1) % 2:
+        allowed = "so many that each signal has an even number of trials: it is in either interval alike"
+        yield Broken((*place, "repetitions"), allowed)
+
+
+def _keys(table: Table) -> list[tuple[tuple[str, ...], object]]:
+    own = table_at(table, "detection")
+    return [(("detection", name), own.get(name)) for keys in KEYS.values() for name in keys]
+
+
+def signals(protocol: Protocol, task: Task) -> tuple[str, ...]:
+    """Return the materials of a task that can be felt."""
+    blank = protocol.table(Detection).blank
+    return tuple(one for one in protocol.materials_of(task) if one != blank)
+
+
+def _presentations(protocol: Protocol, task: Task) -> tuple[tuple[str, ...], ...]:
+    own = protocol.table(Detection)
+    beside = (own.blank or "",) * (own.intervals - 1)
+    of_signals = tuple((one, *beside) for one in signals(protocol, task)) * own.signal_trials
+    return (*of_signals, *(((own.blank or "",),) * own.catch_trials))
+
+
+def _right(protocol: Protocol, presented: Sequence[str], answered: str) -> bool:
+    own = protocol.table(Detection)
+    if own.intervals == 1:
+        return answered == (NO if presented[0] == own.blank else YES)
+    return answered == (SECOND if presented[0] == own.blank else FIRST)
+
+
+def _answers(protocol: Protocol, _: Sequence[str]) -> dict[str, Meaning]:
+    return {key: Meaning(one, WORDS[one]) for key, one in protocol.table(Detection).answers.items()}
+
+
+def _presents(protocol: Protocol, task: Task) -> str:
+    own, of = protocol.table(Detection), ", ".join(signals(protocol, task))
+    catches = f" and {own.catch_trials} without any" if own.catch_trials else ""
+    how = "in one of two intervals" if own.intervals == 2 else "yes or no"
+    block = len(protocol.presentations(task))
+    return f"Detection of {of}, {how}; blocks of {block}, {own.signal_trials} of each signal{catches}"
+
+
+DESIGN = ProtocolDesign(
+    table=Detection,
+    since=7,
+    intervals=(1, 2),
+    tests=TESTS,
+    rules=_rules,
+    keys=_keys,
+    answers=_answers,
+    named=lambda protocol: {answer: NAMED[answer] for answer in protocol.table(Detection).answers.values()},
+    presents=_presents,
+    right=_right,
+    shown=lambda protocol: tuple(WORDS[one] for one in protocol.table(Detection).answers.values()),
+    presentations=_presentations,
+    catches=lambda protocol, presented: {*presented} == {protocol.table(Detection).blank},
+)

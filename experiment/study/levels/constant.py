@@ -1,0 +1,54 @@
+"""Constant stimuli: each level of the grid as often as any other, drawn before the first trial, whatever is answered.
+
+A track has each level once in every so many of its trials as there are levels, in an order that is drawn from the
+session's seed, so that a trial which is done again has the level that it had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from palpate.experiment.study.schedule import Draws
+
+if TYPE_CHECKING:
+    from palpate.experiment.protocol.models import Levels
+    from palpate.experiment.records.entries import Header
+
+
+@dataclass(frozen=True)
+class Constant:
+    """Implements `Method`; `levels_by_trial` has the level of each trial."""
+
+    levels: Levels
+    ends: ClassVar[Literal["trials"]] = "trials"
+
+    def init(self) -> None:
+        return None
+
+    def step(self, state: None, *, level: float, right: bool) -> None:  # noqa: ARG002
+        return state
+
+    def level(self, state: None) -> float:  # noqa: ARG002
+        return self.levels.grid[0]
+
+    def allows(self, state: None, level: float) -> bool:  # noqa: ARG002
+        return False
+
+
+def levels_by_trial(header: Header, grid: Sequence[float], catches: Collection[int]) -> dict[int, float]:
+    """Return the level of every trial of a session by its number, but of `catches`, which have none.
+
+    Without a grid no level is drawn.
+    """
+    found: dict[int, float] = {}
+    for track in sorted({one.track for one in header.order}):
+        draws = Draws("constant levels", header.seed, header.participant, header.task, track)
+        trials = [one.trial for one in header.order if one.track == track and one.trial not in catches]
+        for first in range(0, len(trials) if grid else 0, len(grid) or 1):
+            found |= zip(trials[first:], draws.shuffled(grid), strict=False)
+    return found
+
+
+method = Constant

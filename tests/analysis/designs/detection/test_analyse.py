@@ -1,0 +1,131 @@
+"""A whole analysis of detection: thresholds by rule and fit, tracks, d' against R, tables and files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from syrupy.assertion import SnapshotAssertion
+
+import palpate
+from palpate.analysis.analyse import Analysis, analyse
+from palpate.analysis.designs.detection import results
+from palpate.analysis.export import files
+from palpate.analysis.reading.dataset import read
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol.models import Levels
+from palpate.experiment.study.levels.quest_plus import QuestPlus
+from tests.analysis.designs.detection.sample import SIGNAL, dataset
+from tests.approved import anywhere
+from tests.experiment.study.levels.test_up_down import naive_reversals
+
+
+@pytest.fixture(scope="module")
+def analysed(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
+    place = tmp_path_factory.mktemp("detection")
+    return analyse([dataset(place / "study")], place / "out")
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
+    place = tmp_path_factory.mktemp("intervals")
+    return analyse([dataset(place / "study", 2)], place / "out")
+
+
+@pytest.mark.parametrize("which", ["analysed", "two"])
+def test_every_screen(which: str, request: pytest.FixtureRequest, approved: SnapshotAssertion) -> None:
+    found: Analysis = request.getfixturevalue(which)
+    assert anywhere(found.text(full=True), found.out.parent) == approved
+
+
+def test_d_of_yes_or_no_is_rs(analysed: Analysis) -> None:
+    """R 4.2.2: qnorm(H) - qnorm(2.5 / 21), and -(sum) / 2, with H = c(1.5, 3.5, 8.5, 10.5) / 11, of participant 1."""
+    (task,) = analysed.results.tasks
+    levels = task.tracks[0].by_level
+    assert [(one.hits, one.signals, one.false_alarms, one.others) for one in levels] == [
+        (1, 10, 2, 20), (3, 10, 2, 20), (8, 10, 2, 20), (10, 10, 2, 20),
+    ]  # fmt: skip
+    assert [one.d.d for one in levels] == pytest.approx(D_YES_NO, abs=1e-8)
+    assert [one.d.criterion for one in levels] == pytest.approx(C_YES_NO, abs=1e-8)
+    assert {one.d.rule for one in levels} == {"yes or no"}
+
+
+D_YES_NO = (0.0829575555183, 0.7069719966196, 1.9276197123752, 2.8703827471968)
+C_YES_NO = (1.138282339853, 0.826275119302, 0.215951261424, -0.255430255987)
+
+
+def test_guesses_of_yes_or_no_are_false_alarms(analysed: Analysis) -> None:
+    (task,) = analysed.results.tasks
+    assert [(one.trials, one.false_alarms) for one in task.catches] == [(20, 2), (20, 1)]
+    assert [one.guess for one in task.tracks] == pytest.approx([2.5 / 21, 1.5 / 21])
+    assert {one.estimate.method for one in task.tracks} == {"constant"}
+    assert task.thresholds[0].fitted.n == 2
+
+
+def test_a_staircase_has_its_reversals_and_their_mean(two: Analysis) -> None:
+    """Turns by hand: "++" "++" "-" "++" "-" "+-" "++" "++" "-" "++" "-", each at its last trial."""
+    (task,) = two.results.tasks
+    (track,) = task.tracks
+    answers = "".join("+" if one.right else "-" for one in track.steps)
+    turned = [one.x_db for one in track.steps if one.reversal]
+    assert [one.trial for one in track.steps if one.reversal] == [5, 7, 8, 12, 15, 17, 18]
+    assert len(turned) == naive_reversals(answers, 2)
+    kept = turned[len(turned) % 2 :]
+    assert track.estimate.db == pytest.approx(np.mean(kept))
+    # Levitt (1971): p^2 = 1/2.
+    assert track.estimate.share == pytest.approx(2**-0.5)
+    assert track.guess == 0.5
+    assert {one.d.rule for one in track.by_level if one.d} == {"two intervals"}
+
+
+def test_reversals_are_those_of_the_session() -> None:
+    rng = np.random.default_rng(1)
+    for down in (1, 2, 3):
+        rule = Levels(method="up-down", grid=(0.1, 0.2, 0.4), first=0.2, down=down, reversals=9)
+        answers = rng.random(60) < 0.7
+        text = "".join("+" if one else "-" for one in answers)
+        assert len(results.reversals(answers.tolist(), rule)) == naive_reversals(text, down)
+    assert results.reversals([True, False], None) == ()
+
+
+def test_a_posterior_is_that_of_the_session() -> None:
+    rule = Levels(
+        method="quest-plus", grid=(0.1, 0.2, 0.4, 0.8), thresholds=(0.1, 0.2, 0.4), spreads_db=(2.0, 6.0),
+        lapses=(0.0, 0.04), guess=0.5,
+    )  # fmt: skip
+    answers = [(0.8, True), (0.4, True), (0.1, False), (0.2, True), (0.2, False)]
+    method = QuestPlus(rule)
+    state = method.init()
+    for level, said in answers:
+        state = method.step(state, level=level, right=said)
+    x, right = (np.array(one) for one in zip(*answers, strict=True))
+    found = results.threshold_by_rule(20 * np.log10(x), right, (), rule)
+    assert (found.db, found.sd) == pytest.approx(method.threshold_db(state), abs=1e-9)
+
+
+def test_files_for_other_software_have_each_trial_of_each_track(tmp_path: Path) -> None:
+    written = files(read(dataset(tmp_path / "study", 2)))
+    rows = list(csv.DictReader(io.StringIO(written["tracks.csv"].decode())))
+    assert [row["level"] for row in rows[:3]] == ["1.0", "1.0", "0.5"]
+    assert sum(int(row["reversal"]) for row in rows) == 7
+    # The sinusoid's peak of 3 m/s^2 at level 1.
+    assert [float(row["peak_m_s2"]) for row in rows[:3]] == pytest.approx([3.0, 3.0, 1.5])
+    (row,) = csv.DictReader(io.StringIO(written["thresholds.csv"].decode()))
+    assert (row["signal"], row["method"]) == (SIGNAL, "reversals")
+
+
+def test_the_library_has_a_row_for_each_track_and_the_folder_its_figures(analysed: Analysis) -> None:
+    frame = palpate.detect(read(analysed.datasets[0])).to_frame()
+    assert frame["participant"].to_list() == ["1", "2"]
+    figures = {path.stem for path in (analysed.out / "figures").iterdir()}
+    assert figures == {"tracks", "functions"}
+
+
+def test_a_dataset_without_its_protocol_is_refused(tmp_path: Path) -> None:
+    root = dataset(tmp_path / "study")
+    (root / "sourcedata" / "protocol.toml").unlink()
+    with pytest.raises(DatasetError):
+        results.compute(read(root))

@@ -1,0 +1,122 @@
+"""Detection in a protocol: what is refused, what a block presents, and what is right."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import pytest
+
+from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.protocol.designs.detection import signals
+from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.levels import facts
+from palpate.experiment.protocol.page import advice
+from palpate.experiment.settings.load import find
+from palpate.experiment.study.schedule import block_trials, schedule
+from tests.experiment.protocol import detection, rating
+from tests.experiment.protocol.detection import CONSTANT, UP_DOWN, detecting, protocol
+from tests.experiment.protocol.small import changed, with_tuples
+
+DESIGN = design_of("detection")
+
+
+@pytest.mark.parametrize(
+    ("intervals", "path", "value", "field"),
+    [
+        (1, ("detection", "yes_key"), None, "detection.yes_key"),
+        (1, ("detection", "first_key"), "3", "detection.first_key"),
+        (1, ("detection", "no_key"), "1", "detection.no_key"),
+        (1, ("detection", "yes_key"), "0", "answers.no_answer_key"),
+        (1, ("detection", "blank"), "felt", "detection.blank"),
+        (1, ("detection", "blank"), None, "detection.blank"),
+        (1, ("detection", "intervals"), 3, "detection.intervals"),
+        (2, ("detection", "intervals"), 1, "detection.first_key"),
+        (2, ("detection", "catch_trials"), 1, "detection.catch_trials"),
+        (2, ("detection", "signal_trials"), 1, "tasks[0].repetitions"),
+        (2, ("presented", "pause_s"), None, "presented.pause_s"),
+        (1, ("materials", 0, "key"), "x", "materials[0].key"),
+        (1, ("tasks", 0, "order"), {"kind": "max-run", "max_run": 2}, "tasks[0].order.kind"),
+        (1, ("tasks", 0, "materials"), ("felt",), "tasks[0].materials"),
+        (1, ("answers", "microphone"), True, "answers.microphone"),
+        (1, ("analysis", 0, "test"), "equivalence", "analysis[0].test"),
+    ],
+)
+def test_what_detection_cannot_be_is_refused_by_its_field(
+    intervals: int, path: tuple[str | int, ...], value: object, field: str
+) -> None:
+    tables = detecting(intervals, repetitions=3 if "signal_trials" in path else 4)
+    tables["detection"] = {key: one for key, one in tables["detection"].items() if one is not None}
+    broken = changed(tables, path, value)
+    if value is None:
+        broken[path[0]] = {key: one for key, one in broken[path[0]].items() if one is not None}
+    assert field in {one.field for one in find(ProtocolFile, broken, {})}
+
+
+def test_a_kind_that_plays_no_silence_has_no_blank_and_no_second_interval() -> None:
+    tables = with_tuples(rating.study())
+    steps = {key: one for key, one in tables.items() if key != "rating"}
+    steps |= {"analysis": ({"test": "sensitivity", "tasks": ("virtual",), "question": "?"},)}
+    steps["tasks"] = tuple(one | {"design": "detection"} for one in steps["tasks"])
+
+    def fields(**own: Any) -> set[str]:
+        return {one.field for one in find(ProtocolFile, steps | {"detection": own}, {})}
+
+    assert not fields(intervals=1, yes_key="1", no_key="2")
+    assert "detection.blank" in fields(intervals=1, yes_key="1", no_key="2", blank="copy paper", catch_trials=1)
+    assert "detection.intervals" in fields(intervals=2, first_key="1", second_key="2", blank="copy paper")
+
+
+def test_a_block_has_its_signals_and_catch_trials() -> None:
+    yes_no, two = detection.STUDIES
+    felt, *_ = signals(yes_no, yes_no.tasks[0])
+    blank = yes_no.materials[-1].id
+    count = len(yes_no.materials) - 1
+    assert Counter(yes_no.presentations(yes_no.tasks[0]))[felt,] == 2
+    assert Counter(yes_no.presentations(yes_no.tasks[0]))[blank,] == 1
+    assert block_trials(yes_no, yes_no.tasks[0].id) == 2 * count + 1
+    assert Counter(two.presentations(two.tasks[0]))[felt, blank] == 2
+    assert (yes_no.shown_together(yes_no.tasks[0]), two.shown_together(two.tasks[0])) == (1, 2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_each_signal_is_in_either_interval_alike_and_blocks_are_whole(seed: int) -> None:
+    yes_no, two = detection.STUDIES
+    order = schedule(protocol=two, participant="01", task_id=two.tasks[0].id, seed=seed)
+    blank = two.materials[-1].id
+    for signal in signals(two, two.tasks[0]):
+        assert Counter(one.presented for one in order if signal in one.presented) == {
+            (signal, blank): 4,
+            (blank, signal): 4,
+        }
+    order = schedule(protocol=yes_no, participant="01", task_id=yes_no.tasks[0].id, seed=seed)
+    size = block_trials(yes_no, yes_no.tasks[0].id)
+    blocks = [order[at : at + size] for at in range(0, len(order), size)]
+    assert {sum(one.presented == (blank,) for one in block) for block in blocks} == {1}
+
+
+def test_right_is_what_was_presented() -> None:
+    yes_no, two = detection.STUDIES
+    felt, blank = two.materials[0].id, two.materials[-1].id
+    right = DESIGN.right
+    assert right is not None
+    assert [right(yes_no, (one,), answer) for one in (felt, blank) for answer in ("yes", "no")] == [
+        True, False, False, True,
+    ]  # fmt: skip
+    laid = ((felt, blank), (blank, felt))
+    assert [right(two, one, answer) for one in laid for answer in ("first", "second")] == [True, False, False, True]
+    assert [DESIGN.catches(yes_no, (one,)) for one in (felt, blank)] == [False, True]
+    assert not any(DESIGN.catches(two, one) for one in laid)
+
+
+def test_constant_levels_come_equally_often_or_are_refused() -> None:
+    fields = {one.field for one in find(ProtocolFile, detecting(1, CONSTANT, repetitions=3), {})}
+    assert fields == {"tasks[0].repetitions"}
+    known = protocol(1, CONSTANT, repetitions=2)
+    assert dict(facts(known.tasks[0])).keys() == {"Levels", "Chosen"}
+    broken = detecting(1, CONSTANT | {"first": 0.125})
+    assert {one.field for one in find(ProtocolFile, broken, {})} == {"tasks[0].levels.first"}
+
+
+def test_a_planned_threshold_of_a_task_with_levels_is_not_odd() -> None:
+    assert not [one for one in advice(protocol(2, UP_DOWN)) if one.field.startswith("analysis")]
