@@ -6,6 +6,7 @@ Problems are wrong types, missing and unknown keys, and broken rules, or the fir
 allowed and its line. `tomllib` returns no lines, so `locate` finds them in a text that it has accepted.
 """
 
+import dataclasses
 import difflib
 import functools
 import json
@@ -183,28 +184,47 @@ _STRING = re.compile(
 _BARE_VALUE = re.compile(r"[^,\]}#\n]+")
 
 
+@dataclass(frozen=True)
+class _File:
+    """A text, which is the same wherever it stands."""
+
+    text: str
+    path: Path = dataclasses.field(compare=False)
+
+
 def read(path: Path, model: type[Model]) -> Model:
     """Return the TOML file at `path` as a `model`. Raises `ProtocolError` with all problems, or of its syntax."""
-    document, text = parsed(path)
-    settings = checked(path, model, document, text)
+    settings: Model = _read(_File(_text(path, LARGEST), path), model)
+    return settings.model_copy()
+
+
+@functools.lru_cache(maxsize=4)
+def _read(file: _File, model: type[Model]) -> Model:
+    """Return a file as a model: every session of a study keeps a copy of the same rig, and each is read."""
+    document = _parsed(file)
+    settings = checked(file.path, model, document, file.text)
     if too_young := tuple(younger(settings, number := document.get("format", 0))):
-        lines = locate(text)
+        lines = locate(file.text)
         allowed = f"no such key in a file of format {number}; leave it out, or write a newer format"
         problems = [mismatch(written(place), lines[place], "a key", allowed) for place in too_young if place in lines]
         if problems:
-            raise ProtocolError.in_file(path, problems)
+            raise ProtocolError.in_file(file.path, problems)
     return settings
 
 
 def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], str]:
     """Return the document and the text of a TOML file of at most `most` bytes. Raises `ProtocolError`."""
-    text = _text(path, most)
-    document = _document(path, text)
+    file = _File(_text(path, most), path)
+    return _parsed(file), file.text
+
+
+def _parsed(file: _File) -> dict[str, Any]:
+    document = _document(file.path, file.text)
     if found := storage.extreme(document):
         place, got = found
-        line = None if got == storage.TOO_DEEP else _nearest(locate(text), place)
-        raise ProtocolError.in_file(path, [mismatch(written(place)[:60], line, got, _NO_DEEPER)])
-    return document, text
+        line = None if got == storage.TOO_DEEP else _nearest(locate(file.text), place)
+        raise ProtocolError.in_file(file.path, [mismatch(written(place)[:60], line, got, _NO_DEEPER)])
+    return document
 
 
 def checked(path: Path, model: type[Model], document: Mapping[str, Any], text: str = "") -> Model:

@@ -217,6 +217,16 @@ def test_the_hash_is_that_of_the_rig_and_not_of_its_file(write: Write) -> None:
     assert len(rigs.sha256(rig)) == 64
 
 
+def test_copies_of_a_rig_file_are_one_rig_each_in_a_folder_of_its_own(tmp_path: Path) -> None:
+    files = [tmp_path / name / "rig.toml" for name in "ab"]
+    for file in files:
+        file.parent.mkdir()
+        file.write_bytes(shipped("rigs/rehearsal.toml").read_bytes())
+    first, second = (rigs.load(file) for file in files)
+    assert rigs.sha256(first) == rigs.sha256(second)
+    assert [first.folder, second.folder] == [file.parent for file in files]
+
+
 def test_the_rehearsals_rig_serves_the_published_gate(rehearsal: Rig) -> None:
     assert rehearsal.rig.simulated
     rigs.check(rehearsal, STEP)
