@@ -2,7 +2,7 @@
 
 A file there is named by format and number, such as `journal-6.json`. A format that changes needs another number, and so
 another file. Under a number that was not released the file changes, and it is said how; under one that was, a new kind
-of trial or way to answer may add its columns to those of datasets, and all else is refused.
+of trial, way to answer or sensor may add its columns to those of datasets, and all else is refused.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def _plain(schema: Any) -> Any:
 
 
 def _dataset() -> Description:
-    names = (*kinds.NAMES, "further", "answers", "imported", "participants")
+    names = (*kinds.NAMES, "further", "heard", "answers", "imported", "participants")
     # Pairs are described as they were before their kind was called tapping: their columns are the same.
     tables_of = {"comparison" if name == "tapping" else name: name for name in names}
     with tempfile.TemporaryDirectory() as folder:

@@ -38,6 +38,10 @@ FURTHER = {
     "stimulus_error": "stimulus_error",
     "left_out": "left_out",
     "dissimilarity_m_s2": "dissimilarity",
+    "sent_peak_m_s2": "sent_peak",
+    "heard_peak_m_s2": "heard_peak",
+    "heard_delay_s": "heard_delay",
+    "heard_gain": "heard_gain",
 }
 """The name of each further column of numbers in the frame, and in the events file."""
 
@@ -48,6 +52,9 @@ OF_STEPS = {
     "onset_error_s": ("onset_error", "a number"),
 }
 """What only footsteps have: its name in the frame, its column, and what that may hold; NaN of other trials."""
+
+THIRDS = 18
+"""So many third octaves are from 10 to 500 Hz."""
 
 PRESENTED = ("presented", *PLACES)
 """Columns that say what a trial presented; a kind has the first, or the others."""
@@ -388,10 +395,20 @@ def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, o
             for name, (column, allowed) in OF_STEPS.items()
         },
         **{name: _number(cells.get(column, MISSING), f"{where}: {column}") for name, column in FURTHER.items()},
+        **{name: _levels_db(cells.get(name, MISSING), f"{where}: {name}") for name in ("sent_thirds", "heard_thirds")},
         "stimulus_method": cells.get("stimulus_method", MISSING),
         "redo_reason": cells["redo_reason"],
         "included": counted == "1",
     }
+
+
+def _levels_db(cell: str, where: str) -> tuple[float, ...] | None:
+    """Return the levels of third octaves, dB, shape (18,); None for none."""
+    parts = [] if cell == MISSING else cell.split(" | ")
+    if parts and len(parts) != THIRDS:
+        got = f"got {plural(len(parts), 'level')}"
+        raise DatasetError(where, got, "correct the row", allowed=f"{THIRDS} levels, or {MISSING}")
+    return tuple(_number(part, where) for part in parts) or None
 
 
 def _whole(cell: str, where: str) -> int:

@@ -7,12 +7,8 @@ import pandas as pd
 from palpate.analysis.documents.tables import Column, Record, Section, number, plural, tabulate
 from palpate.analysis.reading.dataset import MISSING
 from palpate.analysis.reading.study import Study
+from palpate.analysis.report.heard import UNHEARD, UNLISTENED, heard_tables
 from palpate.experiment.synthesis.noticing import SOLE, noticed_where_alike
-
-UNHEARD = (
-    "Nothing measured what reached the panel, for the rig has no loopback: a stimulus could count as undelivered only "
-    "where its own stream knew of a fault."
-)
 
 LITTLE = 5e-6
 """Shares below are shown as less than 0.001 %."""
@@ -40,6 +36,7 @@ def played_sections(study: Study) -> tuple[Section, ...]:
         for material in study.materials
         if not (rows := known[(known["task"] == task.id) & (known["presented"] == material)]).empty
     ]
+    heard = heard_tables(study, known)
     return (
         Section(
             "played",
@@ -48,8 +45,9 @@ def played_sections(study: Study) -> tuple[Section, ...]:
                 ABOUT,
                 *(left_out(study) or ("The rig carried all that was asked for.",)),
                 *([UNHEARD] if known["delivered"].isna().all() else ()),
+                *(() if heard else (UNLISTENED,)),
             ),
-            (tabulate("Stimuli, by task and material", STIMULI, records, (_methods(known),)),),
+            (tabulate("Stimuli, by task and material", STIMULI, records, (_methods(known),)), *heard),
         ),
     )
 

@@ -236,7 +236,7 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
     attempts = list(rows)
     known = {name for row in attempts for name in row}
     own = columns_of(task.kind, design_of(task.design).shown_together({"intervals": task.intervals}))
-    further = {**columns_of("further"), **columns_of("answers")}
+    further = {**columns_of("further"), **columns_of("heard"), **columns_of("answers")}
     texts = {**own, **{name: text for name, text in further.items() if name in known}}
     described = _described(texts, task.origin)
     for name in ("presented", *PLACES):

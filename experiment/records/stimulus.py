@@ -59,13 +59,14 @@ class Heard(Record):
     """What an accelerometer on the panel heard around a stimulus, a foot's or hand's own impact included.
 
     `peak_m_s2` is the largest magnitude; `thirds_db` are levels of the third octaves from 10 to 500 Hz, dB beside
-    1 m/s^2 rms over the stimulus. The movement that the measured panel makes of the samples was found best `delay_ms`
-    after it was due, latencies of both ports included, and `gain` of it; None where nothing resembles it. `problem`
-    says why nothing was heard.
+    1 m/s^2 rms over the stimulus, and `sent_thirds_db` those of the movement that the measured panel makes of the
+    samples. That was found best `delay_ms` after it was due, latencies of both ports included, and `gain` of it; None
+    where nothing resembles it. `problem` says why nothing was heard.
     """
 
     peak_m_s2: float | None = None
     thirds_db: tuple[float, ...] = ()
+    sent_thirds_db: tuple[float, ...] = ()
     delay_ms: float | None = None
     gain: float | None = None
     problem: str = ""

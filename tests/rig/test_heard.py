@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import socket
 import threading
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import multisine
@@ -157,3 +159,15 @@ def test_what_the_accelerometer_hears_of_each_stimulus_is_on_record(
         # As late as the sensor, but for a piece, and a busy machine.
         assert (LATE_S - TICK_S) * 1e3 - 1 < stimulus.heard.delay_ms < 100
         assert len(stimulus.heard.thirds_db) == 18
+        assert len(stimulus.heard.sent_thirds_db) == 18
+    built = storage.read_text(tmp_path / "dataset" / "sub-01" / "beh" / "sub-01_task-virtual_events.tsv")
+    table_rows = [row for row in csv.DictReader(built.splitlines(), delimiter="\t") if row["counted"] == "1"]
+    assert len(table_rows) == 4
+    for row in table_rows:
+        sent, heard = (np.array(row[name].split(" | "), float) for name in ("sent_thirds", "heard_thirds"))
+        # Quieter ones drown in the noise of the sensor.
+        loud = sent >= sent.max() - 20
+        assert np.abs(heard - sent)[loud].max() < 0.5
+        assert float(row["heard_peak"]) == pytest.approx(float(row["sent_peak"]), rel=0.05, abs=5 * REST_NOISE_M_S2)
+        assert float(row["heard_gain"]) == pytest.approx(1.0, abs=0.02)
+        assert 0 < float(row["heard_delay"]) < 0.1

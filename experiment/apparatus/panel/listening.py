@@ -34,16 +34,23 @@ QUIETEST_DB = -200.0
 """A lower level is this one, dB."""
 
 
-def compare(heard_m_s2: NDArray[np.float64], moved_m_s2: NDArray[np.float64], *, rate_hz: int) -> Heard:
-    """Return what was heard, shape (m,), from `BEFORE_S` before a movement, (n,), was due; m >= n.
+def compare(heard_m_s2: NDArray[np.float64], moved_m_s2: NDArray[np.float64], *, rate_hz: int, lasts: int) -> Heard:
+    """Return what was heard, shape (m,), from `BEFORE_S` before a movement, (n,), was due.
 
-    A movement of nothing is found nowhere.
+    The first `lasts` points of the movement, m or fewer, are looked for; later ones ring. One of nothing is nowhere.
     """
-    energies = third_octave_energies(heard_m_s2, heard_m_s2.size, rate_hz) / (heard_m_s2.size * moved_m_s2.size)
-    found = align(heard_m_s2, moved_m_s2, gain=1.0) if moved_m_s2.any() else None
+    # On one grid of frequencies: a low third octave has few, and its level hangs on where they lie.
+    size = max(heard_m_s2.size, moved_m_s2.size)
+
+    def thirds_db(waveform: NDArray[np.float64]) -> tuple[float, ...]:
+        energies = third_octave_energies(waveform, size, rate_hz) / (size * lasts)
+        return tuple(np.round(10 * np.log10(np.maximum(energies, 10 ** (QUIETEST_DB / 10))), 2).tolist())
+
+    found = align(heard_m_s2, moved_m_s2[:lasts], gain=1.0) if moved_m_s2[:lasts].any() else None
     return Heard(
         peak_m_s2=float(np.abs(heard_m_s2).max()),
-        thirds_db=tuple(np.round(10 * np.log10(np.maximum(energies, 10 ** (QUIETEST_DB / 10))), 2).tolist()),
+        thirds_db=thirds_db(heard_m_s2),
+        sent_thirds_db=thirds_db(moved_m_s2),
         delay_ms=None if found is None else round((found.onset / rate_hz - BEFORE_S) * 1e3, 3),
         gain=None if found is None else found.gain,
     )
@@ -88,14 +95,15 @@ class HeardActuator:
             return None
         rate_hz, played_hz = self.sensor.rate_hz, self.movement.rate_hz
         common = gcd(rate_hz, played_hz)
-        moved = self.movement.moved_m_s2(played.samples)[: played.samples.size]
+        moved = self.movement.moved_m_s2(played.samples)
         moved = np.asarray(signal.resample_poly(moved, rate_hz // common, played_hz // common))
+        lasts = -(-played.samples.size * rate_hz // played_hz)
         begin_ns = due_ns[-1] - round(BEFORE_S * 1e9)
         try:
-            heard = self.sensor.samples_from(begin_ns, moved.size + round((BEFORE_S + AFTER_S) * rate_hz))
+            heard = self.sensor.samples_from(begin_ns, lasts + round((BEFORE_S + AFTER_S) * rate_hz))
         except RecordingError as error:
             return Heard(problem=error.sentence())
-        return compare(heard, moved, rate_hz=rate_hz)
+        return compare(heard, moved, rate_hz=rate_hz, lasts=lasts)
 
 
 def open_heard(actuator: Actuator, rig: Rig, folder: Path, clock: Clock, opened: ExitStack, trial_s: float) -> Actuator:

@@ -8,6 +8,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.reading.dataset import read
+from palpate.analysis.report.heard import UNLISTENED
 from palpate.analysis.report.played_section import left_out, played_sections
 from tests.analysis.datasets import trial, write_dataset
 
@@ -35,7 +36,8 @@ def test_figures_by_task_and_material(tmp_path: Path, approved: SnapshotAssertio
     )
     (section,) = played_sections(read(root))
     assert (section.slug, section.title) == ("played", "What was played")
-    _, told, unheard = section.paragraphs
+    _, told, unheard, unlistened = section.paragraphs
+    assert unlistened == UNLISTENED
     assert left_out(read(root)) == (told,)
     assert unheard == approved
     assert told == approved

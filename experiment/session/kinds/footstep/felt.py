@@ -5,15 +5,16 @@ All follow from the panel's complex response, so that what its phase does to a v
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.panel.conditioning import Played
-from palpate.experiment.apparatus.panel.movement import open_movement
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.panel.movement import Movement, open_movement
+from palpate.experiment.apparatus.rig import MeasuredRig, Rig
 from palpate.experiment.synthesis.noticing import SOLE, noticed, third_octave_energies
 
 LEAST_SHARE = 1e-3
@@ -26,18 +27,25 @@ QUIETEST_DB = 20.0
 """A window so far below the loudest one does not count."""
 
 
+CREST = 4.0
+"""How many times its rms the multisine that finds compression peaks at the most: ours."""
+
+
 @dataclass(frozen=True)
 class Felt:
     """By how much a movement differs from what was asked for at the worst, in magnitude, dB.
 
-    `third_octave_db` is of third octaves, `envelope_db` of the levels of windows in time. The difference is noticed
-    with these probabilities, by the model of `synthesis/noticing.py`.
+    `third_octave_db` is of third octaves, `envelope_db` of the levels of windows in time; each with the interval that a
+    soft coil, and drift that no comparison refuses or warns of, leave it. The difference is noticed with these
+    probabilities, by the model of `synthesis/noticing.py`.
     """
 
     third_octave_db: float
     envelope_db: float
     noticed_at_least: float
     noticed_at_most: float
+    third_octave_between_db: tuple[float, float] = (0.0, inf)
+    envelope_between_db: tuple[float, float] = (0.0, inf)
 
 
 def felt_on(stimuli: Mapping[str, Sequence[Played]], *, rig: Rig, rig_folder: Path) -> dict[str, tuple[Felt, ...]]:
@@ -52,11 +60,44 @@ def felt_on(stimuli: Mapping[str, Sequence[Played]], *, rig: Rig, rig_folder: Pa
     ahead = round((actuator.inverse_ahead_ms or 0.0) / 1e3 * actuator.rate_hz)
     return {
         material: tuple(
-            felt(one.stimulus.waveform_m_s2, movement.moved_m_s2(one.samples)[ahead:], rate_hz=actuator.rate_hz)
-            for one in each
+            felt_with_intervals(one.stimulus.waveform_m_s2, one.samples, movement, ahead=ahead) for one in each
         )
         for material, each in stimuli.items()
     }
+
+
+def felt_with_intervals(
+    asked_m_s2: NDArray[np.float64], samples: NDArray[np.float32], movement: Movement, *, ahead: int = 0
+) -> Felt:
+    """Return what a panel makes of samples that begin so many before a stimulus, with intervals.
+
+    They go from the less to the more of a straight and a soft coil, and by the movement's `louder_db` on either side.
+    """
+    straight, soft = (
+        felt(asked_m_s2, movement.moved_m_s2(one)[ahead:], rate_hz=movement.rate_hz)
+        for one in (samples, after_soft_coil(samples, movement.measured))
+    )
+
+    def interval(one_db: float, other_db: float) -> tuple[float, float]:
+        low, high = sorted((one_db, other_db))
+        return max(low - movement.louder_db, 0.0), high + movement.louder_db
+
+    return replace(
+        straight,
+        third_octave_between_db=interval(straight.third_octave_db, soft.third_octave_db),
+        envelope_between_db=interval(straight.envelope_db, soft.envelope_db),
+    )
+
+
+def after_soft_coil(samples: NDArray[np.float32], measured: MeasuredRig) -> NDArray[np.float32]:
+    """Return samples as a coil passes them on that is at least as soft as it was measured to be.
+
+    s - a s^3 takes 3 a times the mean square from the gain of a noise (Bussgang 1952, MIT Res. Lab. Electronics, Tech.
+    Rep. 216), which of a multisine is at least its peak by `CREST`, squared.
+    """
+    lost = max(1 - 10 ** (-measured.compression_db / 20), 0.0)
+    a = lost * CREST**2 / (3 * measured.loudest**2)
+    return (samples / np.sqrt(1 + 2 * a * np.square(samples))).astype(np.float32)
 
 
 def felt(asked_m_s2: NDArray[np.float64], moved_m_s2: NDArray[np.float64], *, rate_hz: int) -> Felt:

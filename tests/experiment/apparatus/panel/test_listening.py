@@ -33,22 +33,24 @@ def test_delay_gain_peak_and_levels_are_those_of_what_was_heard() -> None:
     # A tone whose amplitude falls, so that one period is not like another.
     falls = TONE * np.linspace(1, 0.2, TONE.size)
     heard = np.pad(0.8 * falls, (round((BEFORE_S + 0.013) * RATE_HZ), round((AFTER_S - 0.013) * RATE_HZ)))
-    found = compare(heard, falls, rate_hz=RATE_HZ)
+    found = compare(heard, falls, rate_hz=RATE_HZ, lasts=falls.size)
     assert found.delay_ms == pytest.approx(13.0)
     assert found.gain == pytest.approx(0.8)
     assert found.peak_m_s2 == np.abs(heard).max()
+    # The same movement, later and weaker: in decibels the gain, in every third octave.
+    assert np.subtract(found.thirds_db, found.sent_thirds_db) == pytest.approx(20 * np.log10(0.8), abs=0.011)
 
 
 def test_a_tone_has_its_rms_in_its_third_octave() -> None:
     """The rms of a sine is its amplitude over the square root of two."""
-    found = compare(heard_late(0.0), TONE, rate_hz=RATE_HZ)
+    found = compare(heard_late(0.0), TONE, rate_hz=RATE_HZ, lasts=TONE.size)
     assert THIRDS_HZ[10] == pytest.approx(100)
     assert found.thirds_db[10] == pytest.approx(20 * np.log10(3.0 / np.sqrt(2)), abs=0.1)
     assert max(found.thirds_db[:9]) < found.thirds_db[10] - 15
 
 
 def test_of_silence_nothing_is_found() -> None:
-    silent = compare(np.zeros(RATE_HZ), np.zeros(RATE_HZ // 2), rate_hz=RATE_HZ)
+    silent = compare(np.zeros(RATE_HZ), np.zeros(RATE_HZ), rate_hz=RATE_HZ, lasts=RATE_HZ // 2)
     assert (silent.peak_m_s2, silent.delay_ms, silent.gain) == (0.0, None, None)
     assert set(silent.thirds_db) == {QUIETEST_DB}
 

@@ -14,6 +14,7 @@ from scipy import linalg, signal
 from palpate.experiment.errors import ProtocolError
 from palpate.experiment.rehearsal.wires.modes import FINER, RINGS_S, MovingPanel, read, respond
 from palpate.experiment.rehearsal.wires.panel import gain
+from tests.benchmarks.felt import moved_m_s2
 from tests.benchmarks.panel import off
 
 RATE_HZ = 20_000
@@ -168,6 +169,16 @@ def test_phase_costs_what_the_plan_and_the_decisions_say_it_does() -> None:
     assert [magnitudes.min(), magnitudes.max()] == pytest.approx([0.47, 0.93], abs=0.006)
     assert [budget.min(), budget.max()] == pytest.approx([0.11, 0.39], abs=0.006)
     assert [thirds_db.min(), thirds_db.max()] == pytest.approx([0.2, 10.0], abs=0.06)
+
+
+def test_it_moves_as_a_simulation_says_that_was_written_from_its_words_alone(file: Panel) -> None:
+    """Saturated, loaded and with four modes; that one draws its band-limited line by a Fourier transform."""
+    panel = read(file(head="soft_v = 3.0\n", tail='[load]\nname = "sand"\nmass = 0.44\ndamping = 0.1\n'))
+    rng, rate_hz = np.random.default_rng(6), 5000
+    volts = signal.sosfiltfilt(signal.butter(4, 500, fs=rate_hz, output="sos"), rng.normal(0.0, 4.0, 2500))
+    moved = MovingPanel(panel).moved(volts * np.hanning(2500), rate_hz=rate_hz)
+    wanted = moved_m_s2(panel, volts * np.hanning(2500), rate_hz=rate_hz, size=moved.size)
+    assert np.linalg.norm(moved - wanted) <= 2e-3 * np.linalg.norm(wanted)
 
 
 def test_it_rings_on_after_the_last_sample(file: Panel) -> None:
