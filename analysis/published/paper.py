@@ -84,7 +84,7 @@ def read(path: Path, stated: Stated) -> Paper:
     text = "" if suffix in (".csv", ".tsv") else _text(path, stated.file)
     words = prose.words(text) if suffix in PAGES else text
     tests = prose.reported_tests(words)
-    grids = () if suffix in TEXTS else _html(path, text) if suffix in PAGES else _csv(path, stated.file)
+    grids = () if suffix in TEXTS else _html(path, text, stated.file) if suffix in PAGES else _csv(path, stated.file)
     passed = _Passed()
     document: dict[str, Any] = {"study": "paper", "source": _clean(f"Tables of {path.name}", 200)}
     confusions = 0
@@ -156,6 +156,10 @@ LARGEST_RATIO_SUM = 10.0
 
 NOTHING = ("", "-", "--", "\u2014")
 """Cells in which a paper prints nothing."""
+
+_DIGITS = re.compile(r"[0-9.,]*[0-9]")
+_DEGREES = re.compile(r"[A-Za-z] ?\(")
+"""A comma may part degrees of freedom, as in F(3,68)."""
 
 WHOLE = re.compile(r"[1-9][0-9]{0,6}")
 TOLD = 12
@@ -388,7 +392,7 @@ def _csv(path: Path, stated: delimited.Stated) -> tuple[Grid, ...]:
         text, _ = delimited.decoded(delimited.content(path, LARGEST), path, stated)
         delimiter = delimited.delimiter_of(text)
         rows = [[cell.strip() for cell in one.cells] for one in delimited.records(text, delimiter, below=False)]
-        digits = (part for row in rows for cell in row for part in re.findall(r"[0-9.,]*[0-9]", cell))
+        digits = (part for row in rows for cell in row for part in _DIGITS.findall(cell))
         if (decimal := stated.decimal or delimited.decimal_sign(digits, delimiter, printed=True)) is None:
             raise delimited.unclear_decimal(path, stated)
     except PalpateError as error:
@@ -401,6 +405,8 @@ def _csv(path: Path, stated: delimited.Stated) -> tuple[Grid, ...]:
 
 
 def _with_point(cell: str) -> str:
+    if _DEGREES.search(cell):
+        return cell
     thousands = re.sub(r"(?<=[0-9])\.(?=[0-9]{3}(?![0-9]))", "", cell)
     return re.sub(r",(?=[0-9])", ".", thousands)
 
@@ -517,7 +523,8 @@ def _reaches(text: str | None) -> int:
     return min(int(text), WIDEST) if text and re.fullmatch(r"[1-9][0-9]{0,3}", text) else 1
 
 
-def _html(path: Path, text: str) -> tuple[Grid, ...]:
+def _html(path: Path, text: str, stated: delimited.Stated) -> tuple[Grid, ...]:
+    """Return the tables of a page. Decimal commas become points, if most of the numbers in its cells have them."""
     page = _Page(path)
     try:
         # Without `close`, which tries every `<` of an unfinished page again.
@@ -525,4 +532,8 @@ def _html(path: Path, text: str) -> tuple[Grid, ...]:
     except (AssertionError, ValueError, RecursionError) as error:
         raise PublishedError(path, "got HTML that cannot be parsed", allowed="a page as a browser saves it") from error
     filled = [[row for row in table if any(cell.strip() for cell in row)] for table in page.tables]
+    cells = (cell for table in filled for row in table for cell in row if not _DEGREES.search(cell))
+    digits = (part for cell in cells for part in _DIGITS.findall(cell))
+    if (stated.decimal or delimited.decimal_sign(digits, ",", printed=True)) == ",":
+        filled = [[[_with_point(cell) for cell in row] for row in table] for table in filled]
     return _grids(path, filled, page.captions)

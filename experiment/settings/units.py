@@ -26,7 +26,7 @@ _SPELT = {
 _TIMES = {spelling: unit for unit, spellings in _SPELT.items() for spelling in spellings.split()}
 _CLOCKS = frozenset(
     ("t", "time", "times", "timestamp", "timestamps", "zeit", "zeitpunkt", "temps", "tiempo", "tempo", "tid", "tijd",
-     "uptime", "elapsed", "clock", "millis", "micros", "nanos", "時間", "时间")
+     "uptime", "elapsed", "clock", "epoch", "unixtime", "millis", "micros", "nanos", "時間", "时间")
 )  # fmt: skip
 _SIGNALS = frozenset(
     ("g", "mg", "V", "mV", "uV", "µV", "N", "mN", "kN", "Pa", "kPa", "mm", "um", "µm", "m/s2", "m/s^2", "m/s²", "mm/s",

@@ -1,5 +1,6 @@
 """A file of trials as a table that has every column its layout names, and times in the unit that its heading says."""
 
+import re
 from pathlib import Path
 
 from palpate.experiment.dataset.imports.json_rows import is_json, json_table
@@ -30,11 +31,17 @@ def _check_header(path: Path, layout: Layout, table: Table) -> None:
         times = header.count(column)
         if times > 1 or (not times and column in layout.needed()):
             got = "no such column" if not times else f"{times} such columns"
+            if times:
+                remedy = "rename the others in a copy"
+            elif any(re.fullmatch(rf"{re.escape(column)}[_. ]?[0-9]+", name) for name in header):
+                remedy = "write a row for each trial, such as by R's pivot_longer"
+            else:
+                remedy = "name it as the header does"
             there = listed(dict.fromkeys(name for name in header if name))
             raise DatasetError(
                 path,
                 f"got {got}",
-                "name it as the header does",
+                remedy,
                 allowed=f"one of {there or 'a header'}",
                 field=f"column {column}",
                 line=next(iter(table.understood.heading_lines), None),

@@ -204,6 +204,13 @@ def test_decimal_commas_are_read(tmp_path: Path) -> None:
     assert (test.t.text, test.p.text if test.p else "") == ("2.50", "0.0296")
 
 
+@pytest.mark.parametrize("decimal", ".,")
+def test_decimal_commas_of_a_page_are_read(tmp_path: Path, decimal: str) -> None:
+    page = "<table><tr><th>name<th>t<th>df<th>p<th>F(3,68)<tr><td>ease<td>2.50<td>11<td>0.0296</table>"
+    (test,) = _read(tmp_path, page.replace(".", decimal), Stated()).printed.tests
+    assert (test.t.text, test.p.text if test.p else "") == ("2.50", "0.0296")
+
+
 def test_a_cell_over_several_rows_and_columns(tmp_path: Path) -> None:
     page = (
         '<table><tr><td rowspan="2">name<td colspan="2">test<td rowspan="2">p<tr><td>t<td>df'

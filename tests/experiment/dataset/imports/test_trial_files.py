@@ -133,6 +133,7 @@ def test_a_code_of_the_material_presented(tmp_path: Path) -> None:
     [
         ("who,shown,answer\n", {}, r"line 1: column said: got no such column; allowed: one of who, shown, answer"),
         ("who,said,shown,said\n", {}, r"line 1: column said: got 2 such columns"),
+        ("who,shown,said_1,said_2\n", {}, r"column said: got no such column; .*pivot_longer"),
         ("", {}, r"got an empty file; allowed: a header, and a row for each trial; name another file"),
         (
             "who,shown,said\n1,felt,felt\n",
