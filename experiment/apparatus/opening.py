@@ -158,9 +158,8 @@ def open_tracker(
 
         tracker = SerialTracker(where, settings, clock=clock, clock_map=clock_map)
     else:
-        from palpate.experiment.apparatus.tracker.guarded import open_guarded
-
-        tracker = open_guarded(rig, where, clock=clock, clock_map=clock_map)
+        guarded = import_module("palpate.experiment.apparatus.tracker.guarded")
+        tracker = guarded.open_guarded(rig, where, clock=clock, clock_map=clock_map)
     farthest_mm = settings.zeroing_mm
     if contact_mm is None or farthest_mm is None:
         return tracker
@@ -193,7 +192,7 @@ def open_buttons(
     """
     if mode != "keys":
         return None
-    box = import_module("palpate.experiment.apparatus.buttons").ButtonBox
+    box = import_module("palpate.experiment.apparatus.wires.buttons").ButtonBox
     if port is not None:
         # A pseudo-terminal has no speed.
         return cast("Buttons", box(port, 115_200, clock=clock, known=known))

@@ -18,6 +18,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus.display import ButtonsRig, PedalRig, ScreenRig
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.settings import FRAMES, TrackerRig
+from palpate.experiment.apparatus.wires.settings import LSL, TriggerRig
 from palpate.experiment.errors import ProtocolError, Remedy, RigError
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.settings import load as files
@@ -368,6 +369,8 @@ def _rig_rules(table: Any) -> Iterator[Broken]:
 
     `[servo]` needs `[tracker]`, and so does every file of a format before 5.
 
+    One line of `triggers` at most has `driver = "lsl"`.
+
     Only a simulated rig may say "rehearsal" for a port, an address or a device.
     """
     yield from _audio_rules(table.get("actuator"), table.get("audio"))
@@ -376,6 +379,10 @@ def _rig_rules(table: Any) -> Iterator[Broken]:
             yield Broken(("tracker",), "a table [tracker]: it follows the hand that [servo] pushes")
         elif table.get("format") in (1, 2, 3, 4):
             yield Broken(("tracker",), "a table [tracker], or format = 5 or later, which may leave it out")
+    lines = table.get("triggers")
+    drivers = [one.get("driver") for one in lines if isinstance(one, dict)] if isinstance(lines, list | tuple) else []
+    if drivers.count(LSL) > 1:
+        yield Broken(("triggers",), f"one line with driver '{LSL}'")
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
         return
@@ -483,6 +490,7 @@ class Rig(Confined):
             actuator that may exceed the board's limit.
         pedal: the participant's pedal or button that stops everything, where there is one.
         buttons: the participant's buttons for answers, where there are any.
+        triggers: what tells other machines of events, by numbers; nothing is sent without it.
     """
 
     RULES: ClassVar[Rules] = _rig_rules
@@ -499,6 +507,7 @@ class Rig(Confined):
     stops: StopsRig | None = Field(None, json_schema_extra={"since": 2})
     pedal: PedalRig | None = Field(None, json_schema_extra={"since": 3})
     buttons: ButtonsRig | None = Field(None, json_schema_extra={"since": 6})
+    triggers: tuple[TriggerRig, ...] | None = Field(None, json_schema_extra={"since": 6})
 
     _folder: Path | None = PrivateAttr(None)
 
@@ -556,10 +565,10 @@ def sha256(rig: Rig) -> str:
     """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
     A tracker's driver beside the file counts with its own hash; `RigError` if it is unreadable. Ports, addresses,
-    anchors, stops, the participant's screen and pedal are omitted, since they measure nothing.
+    anchors, stops, triggers, the participant's screen and pedal are omitted, since they measure nothing.
     """
     where = {device: {key} for device, key in PLACES.items()}
-    unmeasured = {"screen": True, "anchors": True, "stops": True, "pedal": True}
+    unmeasured = dict.fromkeys(("screen", "anchors", "stops", "pedal", "triggers"), True)
     stated = rig.model_dump(mode="json", exclude_none=True, exclude={**where, **unmeasured})
     if (driver := rig.driver_file) is not None:
         try:

@@ -256,6 +256,10 @@ def check(
         screen = rig.screen
     words = screen.words.own if screen is not None and screen.words is not None else {}
     of_screen: list[blocks.Block] = []
+    if rig_file is not None and rig.triggers:
+        from palpate.experiment.apparatus.wires.triggers import board_words
+
+        told = " ".join(filter(None, (told, board_words(rig))))
     if words:
         said = "The participant's screen says in words of this rig, which no approval of the protocol holds:"
         of_screen = [blocks.Said(said), blocks.facts(*((name, blocks.Free(text)) for name, text in words.items()))]

@@ -315,6 +315,24 @@ ASKED_FOR, PAUSED = "asked for by the experimenter", "paused before the answer"
 """Why a trial is done again after a key of the experimenter, who types no reason."""
 
 
+class Trigger(Record):
+    """A number for an event at `due_ns` on a line of the rig, from 1; it left `late_ms` after, None for one lost."""
+
+    line: int
+    event: str
+    number: int
+    due_ns: int
+    late_ms: float | None
+    problem: str = ""
+
+
+class Triggers(Entry):
+    """What the rig's trigger lines were to send since the last entry of this kind."""
+
+    kind: Literal["triggers"] = "triggers"
+    sent: tuple[Trigger, ...]
+
+
 class Resumed(Entry):
     """A runner continued the session; `torn` is what stood after the last whole line."""
 

@@ -38,6 +38,7 @@ SHARED: tuple[type[Entry], ...] = (
     entries.Visited,
     entries.Ignored,
     entries.Redo,
+    entries.Triggers,
     entries.Resumed,
     entries.Footer,
     entries.Withdrawal,

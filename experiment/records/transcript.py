@@ -120,6 +120,8 @@ def _entry_text(line: Line | Unreadable, task_kind: str) -> str:
         case entries.Redo():
             again = "put off to the end of the block" if entry.put_off else "done again"
             return f"{entry.label} does not count and is {again}: {entry.reason}"
+        case entries.Triggers():
+            return "triggers: " + ", ".join(map(_trigger, entry.sent))
         case entries.Resumed():
             return f"the session was resumed with {len(entry.remaining)} trials left{_torn(entry.torn)}"
         case entries.Footer():
@@ -129,6 +131,11 @@ def _entry_text(line: Line | Unreadable, task_kind: str) -> str:
             return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
         case _:
             return lines_of(task_kind)[type(entry)](entry)
+
+
+def _trigger(one: entries.Trigger) -> str:
+    late = f"LOST ({one.problem})" if one.late_ms is None else f"{one.late_ms:.2f} ms after it"
+    return f"{one.number} for {one.event} on line {one.line}, {late}"
 
 
 def _heard(entry: entries.Spoken) -> str:

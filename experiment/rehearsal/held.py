@@ -151,7 +151,7 @@ def _open(asked: Asked) -> None:
 
     class Ends(RealEnds):
         # The process waits for nobody, so its priority is no matter.
-        real_time = False
+        real_time = attended = False
 
         def sound_device(self, opened: ExitStack) -> str | None:  # noqa: ARG002
             return asked.device

@@ -159,7 +159,7 @@ class SimulatedEnds:
     desk: Console | None
 
     def __post_init__(self) -> None:
-        self.real_time = self.job.real_time
+        self.real_time, self.attended = self.job.real_time, self.desk is not None
         self.protocol, self.rig = self.sitting.protocol, self.sitting.rig
         self.task_id, self.clock = self.sitting.task_id, self.sitting.clock
         self._card: WiredCard | None = None

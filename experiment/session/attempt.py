@@ -18,7 +18,7 @@ from palpate.experiment.desk.questions import Answered, Confirm, Console, Debrie
 from palpate.experiment.errors import JournalError, SessionError, TrackerStopped, cause
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import ASKED_FOR, PAUSED, Answer, Armed, PlannedTrial, Redo
-from palpate.experiment.session.kind import KindDevices, Lent, Limits, Log
+from palpate.experiment.session.kind import KindDevices, Lent, Limits, Log, Signals
 from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.remarks import Remarks
 
@@ -96,7 +96,7 @@ class Devices:
 
     `kind` are the devices of the task's kind of trial. A session waits `reconnect_s` for a device that fell silent,
     then pauses. `priority` is that of its threads in words, and is empty in simulated time. `listening` hears answers;
-    None where nobody listens. `pedal` is the participant's, if any, and so are `buttons`.
+    None where nobody listens. `pedal` is the participant's, if any, and so are `buttons`. `signals` are triggers.
     """
 
     kind: KindDevices
@@ -109,6 +109,7 @@ class Devices:
     listening: Listening | None = None
     pedal: Pedal | None = None
     buttons: Buttons | None = None
+    signals: Signals | None = None
 
 
 @dataclass(kw_only=True, eq=False)

@@ -36,11 +36,21 @@ if TYPE_CHECKING:
     from palpate.experiment.synthesis.waveforms import Basis
 
 
+class Signals(Protocol):
+    """The rig's triggers: what was sent goes on record before an entry, which is sent after; and stimuli are."""
+
+    def before(self, entry: Entry) -> Sequence[Entry]: ...
+
+    def after(self, entry: Entry) -> None: ...
+
+    def following(self, actuator: Actuator) -> Actuator: ...
+
+
 @dataclass(frozen=True)
 class Sitting:
     """One participant at one task on a rig; files of the rig are beside its file. `recordings` is None without any.
 
-    `louder_db` is what a comparison of the panel found; None without any.
+    `louder_db` is what a comparison of the panel found; None without any. `signals` are triggers.
     """
 
     protocol: StudyProtocol
@@ -52,6 +62,7 @@ class Sitting:
     recordings: Path | None
     clock: Clock
     louder_db: float | None = None
+    signals: Signals | None = None
 
 
 @dataclass(frozen=True)
@@ -238,6 +249,11 @@ class FarEnds(Protocol):
 
     @property
     @abstractmethod
+    def attended(self) -> bool:
+        """Whether an experimenter is at the desk, so that the rig's triggers are sent."""
+
+    @property
+    @abstractmethod
     def reconnect_s(self) -> float:
         """How long the session waits for a device that fell silent, s; then it is paused."""
 
@@ -300,7 +316,8 @@ def open_actuator(
         louder_db=sitting.louder_db,
     )
     opened.callback(actuator.close)
-    return ends.playing(actuator, sitting, opened)
+    playing = ends.playing(actuator, sitting, opened)
+    return playing if sitting.signals is None else sitting.signals.following(playing)
 
 
 @dataclass(frozen=True)

@@ -6,18 +6,20 @@ A rehearsal opens the same parts, with other far ends of the ports (`FarEnds`).
 import secrets
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from importlib import import_module
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import utc
-from palpate.experiment.desk.questions import Notice
+from palpate.experiment.desk.questions import Console, Notice
 from palpate.experiment.protocol import approval
 from palpate.experiment.records import journal, software
 from palpate.experiment.records.entries import Header, Purpose
 from palpate.experiment.session import exposure, masker, scene
 from palpate.experiment.session.attempt import Devices
-from palpate.experiment.session.kind import FarEnds, Sitting, session_kind
+from palpate.experiment.session.kind import FarEnds, Signals, Sitting, session_kind
 from palpate.experiment.study import schedule
 from palpate.experiment.study.admission import Admission
 
@@ -32,6 +34,11 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
     protocol, rig, clock = sitting.protocol, sitting.rig, sitting.clock
     with ExitStack() as opened:
         priority = opened.enter_context(host.raised()) if ends.real_time else ""
+        signals: Signals | None = None
+        if rig.triggers and ends.attended:
+            triggers = import_module("palpate.experiment.apparatus.wires.triggers")
+            signals = triggers.open_triggers(rig, clock, lambda text: console.tell(Notice(text)), opened)
+            sitting = replace(sitting, signals=signals)
         planned = scene.plan(protocol=protocol, task_id=sitting.task_id)
         sound: masker.Sound | None = None
         if rig.audio is not None and planned.sounds(rig):
@@ -51,7 +58,7 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
         buttons = opening.open_buttons(rig, protocol.answers.mode, clock=clock, port=port, known=known)
         if buttons is not None:
             opened.callback(buttons.close)
-        console = ends.console()
+        console: Console = ends.console()
         if priority and not rig.rig.simulated:
             console.tell(Notice(f"Priority: {priority}."))
         listening = None
@@ -69,6 +76,7 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
             priority=priority,
             pedal=pedal,
             buttons=buttons,
+            signals=signals,
             listening=listening,
         )
 

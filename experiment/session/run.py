@@ -39,7 +39,7 @@ from palpate.experiment.study.schedule import Allocation, allocated, find_alloca
 class RealEnds(FarEnds):
     """The devices that the rig names, and an experimenter at a console."""
 
-    real_time = True
+    real_time = attended = True
     reconnect_s = 300.0
 
     def __init__(self, console: Console) -> None:

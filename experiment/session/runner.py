@@ -35,7 +35,7 @@ from palpate.experiment.records.entries import Entry
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.attempt import FELT, Attempts, Devices, Event, State, follow
 from palpate.experiment.session.exposure import Exposed, spent_ns
-from palpate.experiment.session.kind import session_kind
+from palpate.experiment.session.kind import Signals, session_kind
 from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.remarks import Attendance
 from palpate.experiment.storage import foot_path, journal_path, rig_path, roster_path, voices_folder
@@ -96,6 +96,7 @@ def run(
         opening.copy_rig(rig_file, rig_path(path))
         frames = foot_path(path) if session_kind(protocol.task(header.task)).frames else None
         with closing(SessionLog(path, devices.clock, contents, done, frames)) as log:
+            log.signals = devices.signals
             session = _Session(
                 protocol=protocol,
                 devices=devices,
@@ -154,6 +155,7 @@ class SessionLog:
         self._folder = path.parent
         self._under_way: dict[int, int] = {}
         self._journal = journal.Journal(path, clock, contents)
+        self.signals: Signals | None = None
         self._frames = None if frames is None else (frames, frames.open("ab", buffering=0))
 
     @property
@@ -168,9 +170,18 @@ class SessionLog:
         """Put into the journal what follows from where the session stands; nothing else is written in between."""
         # An interrupt waits until the entry is on disk, so that a footer may follow it.
         with interrupts.deferred(), self._waiting(), self._lock:
-            for entry in entries_after(self.done):
+            for entry in self._signalled(entries_after(self.done)):
                 self._journal.append(entry)
                 self.done = self.done.after(entry)
+
+    def _signalled(self, wanted: Iterable[Entry]) -> Iterator[Entry]:
+        """Yield entries with what was sent before them, and have each sent once it is on disk."""
+        for entry in wanted:
+            if self.signals is None:
+                yield entry
+            else:
+                yield from (*self.signals.before(entry), entry)
+                self.signals.after(entry)
 
     @contextmanager
     def _waiting(self) -> Iterator[None]:

@@ -127,6 +127,10 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/session/kinds/footstep/levels.py",
         "experiment/study/levels",
     ),
+    "triggers": (
+        "experiment/apparatus/doctor/triggers.py",
+        *(f"experiment/apparatus/wires/{name}.py" for name in ("lsl", "triggers", "ttl")),
+    ),
     "tap fit": ("experiment/cli/tap.py", "experiment/recordings/tap_fit.py"),
     "imports": ("experiment/dataset/imports",),
     "identification": (

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus import buttons as boxes
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.buttons import WRAPS_US, ButtonBox, Press
 from palpate.experiment.apparatus.doctor import doctor
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.wires import buttons as boxes
+from palpate.experiment.apparatus.wires.buttons import WRAPS_US, ButtonBox, Press
 from palpate.experiment.clock import ManualClock, MonotonicClock
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import ButtonsError, RigError, SessionError

@@ -125,6 +125,10 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
             from palpate.experiment.apparatus.doctor import buttons
 
             yield from buttons.checks(rig, ends.buttons, clock=clock)
+        if rig.triggers:
+            from palpate.experiment.apparatus.doctor import triggers
+
+            yield from triggers.checks(rig, clock=clock)
         yield from _elsewhere(rig, protocol)
         if rig.tracker is not None and rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")

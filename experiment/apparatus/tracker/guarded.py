@@ -143,7 +143,7 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
     module, _, name = tracker_of(rig).driver.partition(":")
     file = rig.driver_file
     try:
-        found = importlib.import_module(module) if file is None else _driver_module(file)
+        found = importlib.import_module(module) if file is None else driver_module(file)
         driver: Callable[..., Tracker] = getattr(found, name)
     except (Exception, SystemExit) as error:  # a module may raise anything while it is imported, and end nothing
         raise _not_a_driver(rig, error) from error
@@ -158,7 +158,7 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
     return driver
 
 
-def _driver_module(file: Path) -> ModuleType:
+def driver_module(file: Path) -> ModuleType:
     """Return the module in a file, executed once for each content: from the bytes read here, never from a cache."""
     content = storage.read_bytes(file)
     name = f"{__name__}.{file.stem}_{hashlib.sha256(content).hexdigest()[:16]}"

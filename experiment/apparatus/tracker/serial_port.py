@@ -135,7 +135,7 @@ class SerialPort:
 
     def __init__(self, name: str, baud: int, *, device: str = "tracker") -> None:
         """Open a path or pyserial URL, alone if possible; `device` is its table in the rig. Raises `TrackerError`."""
-        self._port = _opened(name, baud, device)
+        self._port = open_port(name, baud, device)
         self._is_device = "://" not in name
         self._selectable = hasattr(self._port, "fileno")
         self._woken = threading.Event()
@@ -218,7 +218,7 @@ def reason(error: BaseException) -> str:
     return " ".join(str(error).split())
 
 
-def _opened(port: str, baud: int, device: str) -> serial.Serial:
+def open_port(port: str, baud: int, device: str) -> serial.Serial:
     import serial
 
     try:

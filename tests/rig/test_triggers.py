@@ -1,0 +1,305 @@
+"""Triggers on real lines: of a session, of lines that hang or are pulled, of the doctor, and of a driver of one's own.
+
+Lab Streaming Layer is heard by another process, on this machine alone.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Self
+
+import pytest
+
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.doctor import triggers as doctor
+from palpate.experiment.apparatus.wires import lsl, triggers
+from palpate.experiment.apparatus.wires.settings import TriggerEvents, TriggerRig
+from palpate.experiment.apparatus.wires.triggers import SessionTriggers
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.desk.messages import Stop
+from palpate.experiment.errors import RigError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Armed, Footer, Redo, Resumed, Triggers
+from palpate.experiment.rehearsal.wires.serial_line import PseudoTerminal
+from tests.rig.visited import Desk
+
+pytestmark = pytest.mark.clocked
+
+TTL = """
+[[triggers]]
+driver = "{driver}"
+port = "{port}"
+baud = 115200
+events = {{ start = 1, trial = 2, stimulus = 3, answer = 4, pause = 5, end = 6 }}
+"""
+LSL = '\n[[triggers]]\ndriver = "lsl"\nstream = "{name}"\nevents = {{ trial = 20, stimulus = 30 }}\n'
+
+
+class Wire(PseudoTerminal):
+    """A serial line whose other end reads."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def read(self) -> bytes:
+        """What has come."""
+        try:
+            return os.read(self._device, 4096)
+        except BlockingIOError:
+            return b""
+
+
+@pytest.fixture
+def wire() -> Iterator[Wire]:
+    with Wire() as laid:
+        yield laid
+
+
+def rig_file(folder: Path, *tables: str, name: str = "presented") -> Path:
+    shutil.copy(shipped("rigs/rehearsal-response.csv"), folder)
+    text = re.sub(r"(?m)^format = \d+", "format = 6", shipped(f"rigs/{name}.toml").read_text("utf-8"), count=1)
+    (folder / "rig.toml").write_text("".join((text, *tables)), "utf-8")
+    return folder / "rig.toml"
+
+
+LISTEN = """
+import sys, pylsl
+from palpate.experiment.apparatus.wires.lsl import scope
+pylsl.set_config_content(scope(None))
+found = pylsl.resolve_byprop("name", sys.argv[1], 1, 30)
+inlet = pylsl.StreamInlet(found[0])
+inlet.open_stream(10)
+print("there", flush=True)
+while (sample := inlet.pull_sample(20))[0]:
+    print(sample[0][0], sample[1] + inlet.time_correction(10), flush=True)
+"""
+
+
+def test_a_session_is_followed_on_two_lines_and_the_journal_has_what_was_sent(tmp_path: Path, wire: Wire) -> None:
+    name = f"palpate test {os.getpid()}"
+    text = shipped("presented.toml").read_text("utf-8").replace("repetitions = 10", "repetitions = 1")
+    (tmp_path / "study.toml").write_text(text.replace('set_off = "experimenter"', 'set_off = "clock"'), "utf-8")
+    rig_file(tmp_path, TTL.format(driver="ttl", port=wire.url), LSL.format(name=name))
+    with ExitStack() as opened:
+        listening = subprocess.Popen([sys.executable, "-c", LISTEN, name], stdout=subprocess.PIPE, text=True)
+        listener = opened.enter_context(listening)
+        opened.callback(listener.kill)
+        desk = opened.enter_context(closing(Desk(tmp_path, ("run", "study.toml", "--practice", "--rig", "rig.toml"))))
+        desk.connect()
+        assert listener.stdout is not None
+        listener.stdout.readline()
+        desk.visit(lambda view: view.trial == 2)
+        assert desk.there is not None
+        desk.there.send(Stop())
+        assert desk.visit().ended is not None
+        entries = journal.read(storage.journal_path(desk.root, "01", "name")).entries
+        sent = [one for entry in entries if isinstance(entry, Triggers) for one in entry.sent]
+        bytes_sent = [one.number for one in sent if one.line == 1]
+        assert bytes(bytes_sent) == wire.read()
+        assert bytes_sent[:5] == [1, 2, 3, 4, 2]
+        assert bytes_sent[-1] == 5
+        markers = [one for one in sent if one.line == 2]
+        heard = [listener.stdout.readline().split() for _ in markers]
+    assert [int(number) for number, _ in heard] == [one.number for one in markers]
+    # Both clocks are this machine's, and a marker is dated at its event.
+    began_ns = time.time_ns() - time.monotonic_ns()
+    off_s = [began_ns / 1e9 + float(at_s) - one.due_ns / 1e9 for (_, at_s), one in zip(heard, markers, strict=True)]
+    assert max(off_s) - min(off_s) < 0.01
+    assert all(one.late_ms is not None and 0 <= one.late_ms < 1000 for one in sent)
+    assert verify(desk.root).refused == 0
+
+
+class Fake:
+    """A line that does what a test has it do."""
+
+    def __init__(self, settings: TriggerRig) -> None:
+        self.goes = threading.Event()
+        self.sent: list[int] = []
+        self.fault: OSError | None = None
+
+    def send(self, number: int, late_s: float) -> None:
+        self.goes.wait()
+        if self.fault is not None:
+            raise self.fault
+        self.sent.append(number)
+
+    def close(self) -> None:
+        self.goes.set()
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> Fake:
+    made = Fake(TriggerRig(driver="fake:Fake", events=TriggerEvents(trial=1)))
+    monkeypatch.setattr(triggers, "open_line", lambda *_: made)
+    return made
+
+
+def followed(folder: Path, told: list[str], opened: ExitStack) -> SessionTriggers:
+    rig = rigs.load(rig_file(folder, TTL.format(driver="fake:Fake", port="none")))
+    return triggers.open_triggers(rig, MonotonicClock(), told.append, opened)
+
+
+ARMED = Armed(trial=1, attempt=1, presented=("foil",))
+
+
+def test_a_line_that_hangs_delays_nothing_and_is_on_record_and_shown(
+    tmp_path: Path, fake: Fake, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(triggers, "HANGS_NS", 50_000_000)
+    told: list[str] = []
+    with ExitStack() as opened:
+        opened.callback(fake.goes.set)
+        line = followed(tmp_path, told, opened)
+        begun_s = time.monotonic()
+        line.after(Resumed(torn="", remaining=()))
+        line.after(ARMED)
+        time.sleep(0.1)
+        (lost,) = line.before(ARMED)
+        assert time.monotonic() - begun_s < 0.15
+        assert [(one.event, one.late_ms) for one in lost.sent] == [("start", None), ("trial", None)]
+        line.before(Footer(reason="paused", answered=0))
+        assert time.monotonic() - begun_s < 0.5
+    assert len(told) == 1
+
+
+def test_a_line_that_fails_is_told_of_once_and_sends_again_when_it_can(tmp_path: Path, fake: Fake) -> None:
+    told: list[str] = []
+    fake.goes.set()
+    fake.fault = OSError("pulled out")
+    with ExitStack() as opened:
+        line = followed(tmp_path, told, opened)
+        for _ in range(2):
+            line.after(ARMED)
+        (ended,) = line.before(Footer(reason="error", answered=0))
+        assert [(one.event, one.late_ms) for one in ended.sent] == [("trial", None), ("trial", None), ("end", None)]
+        assert {one.problem for one in ended.sent} == {"OSError: pulled out"}
+        fake.fault = None
+        line.after(ARMED)
+        (again,) = line.before(Footer(reason="paused", answered=0))
+    assert [one.late_ms is None for one in again.sent] == [False, False]
+    assert (fake.sent, len(told)) == ([2, 5], 1)
+
+
+class Scheduling:
+    """An actuator that schedules, and takes its stimulus back until its lead before the onset."""
+
+    lead_ns = 1_000_000
+
+    def prepare(self, stimulus: object) -> object:
+        return stimulus
+
+    def aim(self, onset_ns: int) -> bool:
+        return onset_ns > 0
+
+    def landed(self, contact_ns: int) -> None:
+        pass
+
+    def withdraw(self) -> bool:
+        return True
+
+
+def test_a_stimulus_is_sent_at_the_onset_that_was_aimed_at_last_and_not_if_it_is_withdrawn(
+    tmp_path: Path, fake: Fake
+) -> None:
+    clock = MonotonicClock()
+    fake.goes.set()
+    with ExitStack() as opened:
+        line = followed(tmp_path, [], opened)
+        actuator = line.following(Scheduling())  # type: ignore[arg-type]
+        # The probe of the masker is of no trial.
+        actuator.landed(0)
+        line.after(ARMED)
+        actuator.prepare(None)  # type: ignore[arg-type]
+        actuator.aim(clock.now_ns() + 5_000_000_000)
+        onset_ns = clock.now_ns() + 30_000_000
+        assert actuator.aim(onset_ns)
+        actuator.landed(onset_ns)
+        time.sleep(0.06)
+        actuator.prepare(None)  # type: ignore[arg-type]
+        actuator.aim(clock.now_ns() + 30_000_000)
+        actuator.withdraw()
+        time.sleep(0.06)
+        actuator.prepare(None)  # type: ignore[arg-type]
+        actuator.landed(clock.now_ns())
+        line.after(Redo(trial=1, attempt=1, reason="a test", put_off=True))
+        actuator.landed(clock.now_ns())
+        (sent,) = line.before(Footer(reason="complete", answered=0))
+    assert [one.event for one in sent.sent] == ["trial", "stimulus", "stimulus", "end"]
+    assert sent.sent[1].due_ns == onset_ns
+    assert sent.sent[1].late_ms is not None
+    assert sent.sent[1].late_ms >= 0
+
+
+def test_the_doctor_sends_its_test_and_says_what_each_line_is_for(
+    tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tables = TTL.format(driver="ttl", port=wire.url), TTL.format(driver="ttl", port="/dev/no-such-port")
+    rig = rigs.load(rig_file(tmp_path, *tables, LSL.format(name="palpate doctor")))
+    there, gone, stream = doctor.checks(rig, clock=MonotonicClock())
+    assert [one.verdict for one in (there, gone, stream)] == ["passes", "refuses", "passes"]
+    assert wire.read() == bytes([triggers.TEST])
+    monkeypatch.setitem(sys.modules, "palpate.experiment.apparatus.wires.lsl", None)
+    monkeypatch.setitem(sys.modules, "pylsl", None)
+    assert [one.verdict for one in doctor.checks(rig, clock=MonotonicClock())] == ["passes", "refuses", "refuses"]
+
+
+def test_the_driver_of_the_guide_clears_what_it_sends(tmp_path: Path, wire: Wire, repository_root: Path) -> None:
+    guide = (repository_root / "experiment" / "apparatus" / "README.md").read_text("utf-8")
+    found = re.search(r"<!-- trigger driver -->\n```python\n(.*?)```", guide, re.DOTALL)
+    assert found
+    assert len(found[1].splitlines()) <= 40
+    (tmp_path / "pulsebox.py").write_text(found[1], "utf-8")
+    rig = rigs.load(rig_file(tmp_path, TTL.format(driver="pulsebox:PulseBox", port=wire.url)))
+    with closing(triggers.open_line(rig, 1)) as line:
+        line.send(3, 0.0)
+        line.send(4, 0.0)
+    assert wire.read() == b"\x03\0\x04\0"
+
+
+def test_without_an_interface_nothing_but_this_machine_is_told() -> None:
+    assert "ResolveScope = machine\nListenAddress = 127.0.0.1\n" in lsl.scope(None)
+    assert "ResolveScope = link\nListenAddress = 192.0.2.1\n" in lsl.scope("192.0.2.1")
+
+
+@pytest.mark.parametrize(
+    ("table", "field"),
+    [
+        ('driver = "ttl"\nport = "/dev/x"\nevents = { end = 1 }', "triggers[0].baud"),
+        ('driver = "lsl"\nstream = "x"\nport = "/dev/x"\nevents = { end = 1 }', "triggers[0].port"),
+        ('driver = "lsl"\nstream = "x"\nevents = {}', "triggers[0].events"),
+        ('driver = "lsl"\nstream = "x"\nevents = { end = 1, start = 1 }', "triggers[0].events"),
+        ('driver = "lsl"\nstream = "x"\nevents = { end = 255 }', "triggers[0].events.end"),
+        ('driver = "lsl"\nstream = "x"\nevents = { answered = 1 }', "triggers[0].events.answered"),
+        ('driver = "serial"\nevents = { end = 1 }', "triggers[0].driver"),
+    ],
+)
+def test_a_table_that_would_not_send_is_refused(tmp_path: Path, table: str, field: str) -> None:
+    with pytest.raises(RigError) as refused:
+        rigs.load(rig_file(tmp_path, f"\n[[triggers]]\n{table}\n"))
+    assert [one.field for one in refused.value.findings] == [field]
+
+
+def test_one_stream_at_most(tmp_path: Path) -> None:
+    with pytest.raises(RigError) as refused:
+        rigs.load(rig_file(tmp_path, LSL.format(name="a"), LSL.format(name="b")))
+    assert [one.field for one in refused.value.findings] == ["triggers"]
+
+
+def test_triggers_are_of_no_account_to_what_is_measured(tmp_path: Path) -> None:
+    without = rigs.sha256(rigs.load(rig_file(tmp_path)))
+    assert rigs.sha256(rigs.load(rig_file(tmp_path, LSL.format(name="a")))) == without
