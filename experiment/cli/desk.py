@@ -77,13 +77,13 @@ def screen(
     options.at_once("The participant's screen opens; that takes some seconds.")
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.apparatus.display import ScreenRig
-    from palpate.experiment.desk import link
     from palpate.experiment.desk import screen as screens
+    from palpate.experiment.desk.console import transport
     from palpate.experiment.protocol import files
 
     settings = (rigs.load(rig).screen if rig else None) or ScreenRig()
     folder = dataset or options.default_folder(files.load(protocol_file), practice=practice)
-    path = session_at or link.place(folder, participant)
+    path = session_at or transport.place(folder, participant)
     screens.show(
         path,
         settings,

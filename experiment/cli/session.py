@@ -142,9 +142,9 @@ def run(
         threading.Thread(target=_end_with, args=(os.getppid(),), name="server", daemon=True).start()
         _attend(folder, who, by)
     elif serve is not None:
-        from palpate.experiment.desk import link
+        from palpate.experiment.desk.console import transport
 
-        link.place(folder, who)
+        transport.place(folder, who)
         _serve(serve, port)
     elif not at_console:
         answering.check_lines(protocol)
@@ -191,14 +191,14 @@ def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole
 
 def _attend(folder: Path, participant: str, by: str) -> None:
     """Show the console of a session; begin the session if none is under way, and again if its process was lost."""
-    from palpate.experiment.desk import link
+    from palpate.experiment.desk.console import transport
     from palpate.experiment.desk.messages import Hello
 
-    path = link.place(folder, participant)
+    path = transport.place(folder, participant)
     while True:
         # A file without a name: what a session says at its end can be about a person.
         with tempfile.TemporaryFile() as said:
-            begun = None if link.answers(path) else _begin(path, said)
+            begun = None if transport.answers(path) else _begin(path, said)
             try:
                 # Loaded while the session's process loads.
                 from palpate.experiment.desk.console.app import attend
@@ -209,7 +209,7 @@ def _attend(folder: Path, participant: str, by: str) -> None:
             except KeyboardInterrupt:
                 # Before a console took the key: nobody is left at the session that was begun for it.
                 if begun is not None:
-                    begun.send_signal(signal.SIGINT)
+                    begun.send_signal(signal.SIGINT if hasattr(signal, "SIGHUP") else signal.SIGTERM)
                 raise
             if left.why == "gone" and left.again:
                 continue
@@ -226,6 +226,11 @@ def _attend(folder: Path, participant: str, by: str) -> None:
 
 def _serve(host: str, port: int) -> None:
     """Serve the console of a session to browsers: each visitor's is this same command."""
+    if not hasattr(signal, "SIGHUP"):
+        # The server starts each by a shell, and a console knows by its parent whether the server is there.
+        raise LinkError(
+            "this system has no console in a browser", remedy="run the session in a terminal, without --serve"
+        )
     try:
         from palpate.experiment.desk.console import serve
     except ImportError as error:
@@ -247,16 +252,21 @@ def _begin(path: Path, said: IO[bytes]) -> "subprocess.Popen[bytes]":
     command = options.palpate_command(*sys.argv[1:], "--session-at", str(path))
     # A session of its own: what ends the terminal does not end it.
     return subprocess.Popen(  # noqa: S603
-        command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=said,
+        stderr=said,
+        start_new_session=True,
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
     )
 
 
 def _wait_for(process: "subprocess.Popen[bytes]", path: Path, said: IO[bytes]) -> None:
     """Wait until the session's process listens. Raises `LinkError` with its last words if it does not."""
-    from palpate.experiment.desk import link
+    from palpate.experiment.desk.console import transport
 
     begun_s = time.monotonic()
-    while not link.answers(path):
+    while not transport.answers(path):
         if process.poll() is not None or time.monotonic() - begun_s > BEGINS_S:
             raise LinkError(_last_words(said))
         time.sleep(0.02)
@@ -264,5 +274,8 @@ def _wait_for(process: "subprocess.Popen[bytes]", path: Path, said: IO[bytes]) -
 
 def _last_words(said: IO[bytes]) -> str:
     # Where the process still writes, it goes on from where it is.
-    words = os.pread(said.fileno(), 1 << 16, 0).decode("utf-8", "replace").strip()
+    here = said.tell()
+    said.seek(0)
+    words = said.read(1 << 16).decode("utf-8", "replace").strip()
+    said.seek(here)
     return words.removeprefix("palpate: ") or "the session's process ended without a word; the same command resumes it"

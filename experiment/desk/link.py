@@ -1,14 +1,11 @@
-"""The socket between a session and its consoles: a file of this machine that only its owner may open.
+"""The link between a session and its consoles, by a socket that only this user can reach (`transport`).
 
 The session's end is one thread that waits for no console: a slow one misses views.
 """
 
-import hashlib
-import os
+import hmac
 import selectors
 import socket
-import stat
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -21,6 +18,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.desk import messages
+from palpate.experiment.desk.console import transport
 from palpate.experiment.errors import LinkError
 from palpate.experiment.settings import characters
 
@@ -48,60 +46,6 @@ _FROM_CONSOLE: TypeAdapter[messages.Hello | messages.Command] = TypeAdapter(
 )
 
 
-def place(dataset: Path, participant: str) -> Path:
-    """Return a session's socket in a folder that only its owner may open. Raises `LinkError` where none is possible."""
-    if not hasattr(socket, "AF_UNIX"):
-        raise LinkError(
-            "this system has no sockets that are files", remedy="run the session on lines of text (--lines)"
-        )
-    name = hashlib.sha256(f"{dataset.resolve()}\n{participant}".encode()).hexdigest()[:16]
-    return _own_folder(Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())) / f"{name}.sock"
-
-
-def _own_folder(parent: Path) -> Path:
-    """Return the folder of this user's sockets, made if missing. Raises `LinkError` if it cannot be made.
-
-    Another user may have its name in a shared temporary folder; then both ends use another.
-    """
-    usual = parent / f"palpate-{os.getuid()}"
-    try:
-        if not (usable := _usable(usual)):
-            if usual.is_symlink() or usual.exists():
-                tempfile.mkdtemp(prefix=f"{usual.name}-", dir=parent)
-            else:
-                usual.mkdir(mode=0o700)
-            usable = _usable(usual)
-    except OSError as error:
-        raise LinkError(
-            parent,
-            f"no folder for the console's socket can be made ({error.strerror or error})",
-            "name one in XDG_RUNTIME_DIR, or run the session on lines of text (--lines)",
-            allowed="a folder that you may write to",
-        ) from error
-    return usable[0]
-
-
-def _usable(usual: Path) -> list[Path]:
-    """Return the folders of this name, or of one that begins with it, that only this user may open."""
-    found: list[Path] = []
-    for one in (usual, *sorted(usual.parent.glob(f"{usual.name}-*"))):
-        with suppress(FileNotFoundError):
-            mode = one.lstat()
-            if stat.S_ISDIR(mode.st_mode) and mode.st_uid == os.getuid() and not mode.st_mode & 0o077:
-                found.append(one)
-    return found
-
-
-def answers(path: Path) -> bool:
-    """Return whether a session listens at this place."""
-    with socket.socket(socket.AF_UNIX) as there:
-        try:
-            there.connect(str(path))
-        except OSError:
-            return False
-    return True
-
-
 class SessionEnd(Protocol):
     """The session's side of the link, called from its thread."""
 
@@ -119,8 +63,10 @@ class SessionEnd(Protocol):
 
 
 class _Peer:
-    def __init__(self, connection: socket.socket) -> None:
+    def __init__(self, connection: socket.socket, secret: bytes) -> None:
         self.connection = connection
+        self.secret = secret
+        """What it has to show before it is heard; nothing once it has."""
         self.hello: messages.Hello | None = None
         self.read = bytearray()
         self.unsent = bytearray()
@@ -129,8 +75,8 @@ class _Peer:
 
     @property
     def away(self) -> bool:
-        """Whether it stopped reading."""
-        return bool(self.unsent) and time.monotonic() - self.read_s > AWAY_S
+        """Whether it stopped reading, or has not shown the secret."""
+        return bool(self.unsent or self.secret) and time.monotonic() - self.read_s > AWAY_S
 
 
 class Link:
@@ -146,7 +92,7 @@ class Link:
         self._there = 0, 0
         self._closing = False
         self._tick_s = TICK_S
-        self._server = _listening(path)
+        self._server, self._secret = transport.listening(path)
         self._woken, self._wakes = socket.socketpair()
         self._woken.setblocking(False)
         self._wakes.setblocking(False)
@@ -212,16 +158,19 @@ class Link:
     def _accept(self) -> None:
         connection, _ = self._server.accept()
         connection.setblocking(False)
-        peer = _Peer(connection)
+        peer = _Peer(connection, self._secret)
         self._peers.append(peer)
         self._selector.register(connection, selectors.EVENT_READ, peer)
 
     def _hear(self, peer: _Peer) -> None:
         try:
-            read = peer.connection.recv(messages.LONGEST)
+            read = peer.connection.recv(len(peer.secret) - len(peer.read) if peer.secret else messages.LONGEST)
         except OSError:
             read = b""
         peer.read += read
+        if peer.secret and read:
+            self._admit(peer)
+            return
         *lines, rest = peer.read.split(b"\n")
         peer.read = bytearray(rest)
         if not read or len(rest) > messages.LONGEST:
@@ -233,6 +182,17 @@ class Link:
             except LinkError:
                 self._drop(peer)
                 return
+
+    def _admit(self, peer: _Peer) -> None:
+        """Hear one that has shown the secret from now on, and show it that this is the session."""
+        if len(peer.read) < len(peer.secret):
+            return
+        if not hmac.compare_digest(bytes(peer.read), peer.secret):
+            self._drop(peer)
+            return
+        peer.unsent += transport.shown_by(peer.secret)
+        peer.secret, peer.read = b"", bytearray()
+        self._speak(peer)
 
     def _obey(self, peer: _Peer, said: messages.Hello | messages.Command) -> None:
         if isinstance(said, messages.Hello):
@@ -262,17 +222,11 @@ class Link:
         peer.unsent += messages.line(messages.Reply(id=number, taken=taken, words=words))
 
     def _speak(self, peer: _Peer) -> None:
-        if peer.hello is None:
+        if peer.secret and peer.away:
+            self._drop(peer)
             return
-        if not peer.unsent:
-            peer.read_s = time.monotonic()
-        said = self._end.message(peer.hello.role)
-        if isinstance(said, messages.Prompt):
-            self._tick_s = TICK_S if said.hand_mm is None else HAND_S
-        told, now_s = messages.line(said), time.monotonic()
-        if not peer.unsent and (told != peer.told or now_s - peer.told_s > BEAT_S):
-            peer.told, peer.told_s = told, now_s
-            peer.unsent += told
+        if peer.hello is not None:
+            self._tell(peer, peer.hello.role)
         try:
             while peer.unsent:
                 del peer.unsent[: peer.connection.send(peer.unsent)]
@@ -282,6 +236,17 @@ class Link:
                 self._drop(peer)
         except OSError:
             self._drop(peer)
+
+    def _tell(self, peer: _Peer, role: str) -> None:
+        if not peer.unsent:
+            peer.read_s = time.monotonic()
+        said = self._end.message(role)
+        if isinstance(said, messages.Prompt):
+            self._tick_s = TICK_S if said.hand_mm is None else HAND_S
+        told, now_s = messages.line(said), time.monotonic()
+        if not peer.unsent and (told != peer.told or now_s - peer.told_s > BEAT_S):
+            peer.told, peer.told_s = told, now_s
+            peer.unsent += told
 
     def _drop(self, peer: _Peer) -> None:
         self._selector.unregister(peer.connection)
@@ -295,40 +260,21 @@ class Link:
             self._end.came(*there)
 
 
-def _listening(path: Path) -> socket.socket:
-    server = socket.socket(socket.AF_UNIX)
-    try:
-        if path.exists() and not answers(path):
-            path.unlink()
-        server.bind(str(path))
-        path.chmod(0o600)
-        server.listen()
-        server.setblocking(False)
-    except OSError as error:
-        server.close()
-        raise LinkError(
-            path, error.strerror or str(error), "end the other one", allowed="one session of a participant at a time"
-        ) from error
-    return server
-
-
 class Line:
     """A console's end of the link."""
 
     def __init__(self, path: Path, hello: messages.Hello) -> None:
         """Connect. Raises `LinkError` if no session listens there."""
-        self._connection = socket.socket(socket.AF_UNIX)
-        # PsychoPy gives every socket of its process a timeout; a session may be silent for longer.
-        self._connection.settimeout(None)
         self._lock = threading.Lock()
         self._sent = 0
         self._read = bytearray()
         try:
-            self._connection.connect(str(path))
-            self._connection.sendall(messages.line(hello))
+            self._connection = transport.connect(path)
         except OSError as error:
-            self._connection.close()
             raise LinkError(f"no session listens at {path} ({error.strerror or error})", remedy="begin one") from error
+        # A session that ends just now is found gone by whoever asks it.
+        with suppress(OSError):
+            self._connection.sendall(messages.line(hello))
 
     def send(self, deed: messages.Deed) -> int:
         """Send a command, and return its id. Raises `LinkError` if the session is gone."""

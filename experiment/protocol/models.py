@@ -40,6 +40,8 @@ class Study(Confined):
         participants: number of people.
     """
 
+    RULES: ClassVar[Rules] = rules.study
+
     id: Label
     title: Text
     source: Text

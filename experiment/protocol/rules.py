@@ -37,6 +37,16 @@ EARLIEST = date(1950, 1, 1)
 """No approval is older: ours; ethics boards are younger."""
 
 
+DEVICES = {"con", "prn", "aux", "nul", *(f"{kind}{number}" for kind in ("com", "lpt") for number in range(1, 10))}
+"""No file or folder of Windows has such a name."""
+
+
+def study(table: Table) -> Iterator[Broken]:
+    """`id` is no name that Windows keeps for a device, such as `aux` or `com1`: files are named after it."""
+    if table.get("id") in DEVICES:
+        yield Broken(("id",), "a name that Windows does not keep for a device")
+
+
 def ethics(table: Table) -> Iterator[Broken]:
     """`approved_on` is a day from 1950 on, and `expires_on` comes after it."""
     approved, expires = table.get("approved_on"), table.get("expires_on")

@@ -33,6 +33,7 @@ from textual import events
 from textual.pilot import Pilot
 
 from palpate.experiment.desk import link
+from palpate.experiment.desk.console import transport
 from palpate.experiment.desk.console.app import Console, Left
 from palpate.experiment.desk.link import Link
 from palpate.experiment.desk.messages import Asked, Choice, Ended, Gauges, Hello, Lamp, Standing, Told, View
@@ -332,7 +333,7 @@ def main() -> None:
             protocol.write_text(re.sub("repetitions = [0-9]", "repetitions = 2", SMALL), "utf-8")
         rig = written_rig(there, protocol, screen=screen is not None)
         os.environ["XDG_RUNTIME_DIR"] = name
-        path = link.place(there / "data", "01")
+        path = transport.place(there / "data", "01")
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
         command = ["run", str(protocol), "--practice", "--rig", str(rig), "--dataset", str(there / "data")]
@@ -344,7 +345,7 @@ def main() -> None:
             environment | ({"DISPLAY": screen} if screen else {}),
             folder / "session.log",
         ):
-            until(lambda: link.answers(path))
+            until(lambda: transport.answers(path))
             # While the participant's screen opens there is nothing to see.
             until(lambda: screen is None or window(screen).getbbox() is not None)
             with running([*command, "--serve", "127.0.0.1", "--port", str(port)], environment, served):

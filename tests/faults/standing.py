@@ -31,6 +31,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.desk import link
+from palpate.experiment.desk.console import transport
 from palpate.experiment.desk.messages import Choose, Pause, Reply, Stop, TakeNote, View
 from palpate.experiment.records import journal
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
@@ -326,7 +327,7 @@ class AtDesk(Session):
         )
         process.start()
         ends_s = time.monotonic() + visited.PATIENCE_S
-        while not link.answers(at):
+        while not transport.answers(at):
             if not process.is_alive() or time.monotonic() > ends_s:
                 raise RuntimeError((self.folder / "log").read_text("utf-8"))
             time.sleep(0.01)

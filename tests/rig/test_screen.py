@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from palpate.experiment.apparatus.display import ScreenRig, ScreenWords
 from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk import pages
-from palpate.experiment.desk.link import Line, Link, answers
+from palpate.experiment.desk.console.transport import answers
+from palpate.experiment.desk.link import Line, Link
 from palpate.experiment.desk.messages import (
     ENTER,
     Choose,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import shutil
 import subprocess
 import sys
@@ -56,12 +57,12 @@ class Wire(PseudoTerminal):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def read(self) -> bytes:
-        """What has come."""
-        try:
-            return os.read(self._device, 4096)
-        except BlockingIOError:
-            return b""
+    def read(self, size: int) -> bytes:
+        """What comes, until it has so many bytes."""
+        came = b""
+        while len(came) < size and select.select([self._device], [], [], 5)[0]:
+            came += os.read(self._device, 4096)
+        return came
 
 
 @pytest.fixture
@@ -110,7 +111,7 @@ def test_a_session_is_followed_on_two_lines_and_the_journal_has_what_was_sent(tm
         entries = journal.read(storage.journal_path(desk.root, "01", "name")).entries
         sent = [one for entry in entries if isinstance(entry, Triggers) for one in entry.sent]
         bytes_sent = [one.number for one in sent if one.line == 1]
-        assert bytes(bytes_sent) == wire.read()
+        assert bytes(bytes_sent) == wire.read(len(bytes_sent))
         assert bytes_sent[:5] == [1, 2, 3, 4, 2]
         assert bytes_sent[-1] == 5
         markers = [one for one in sent if one.line == 2]
@@ -209,8 +210,11 @@ class Scheduling:
     def landed(self, contact_ns: int) -> None:
         pass
 
+    def __init__(self) -> None:
+        self.withdraws = True
+
     def withdraw(self) -> bool:
-        return True
+        return self.withdraws
 
 
 def test_a_stimulus_is_sent_at_the_onset_that_was_aimed_at_last_and_not_if_it_is_withdrawn(
@@ -220,7 +224,8 @@ def test_a_stimulus_is_sent_at_the_onset_that_was_aimed_at_last_and_not_if_it_is
     fake.goes.set()
     with ExitStack() as opened:
         line = followed(tmp_path, [], opened)
-        actuator = line.following(Scheduling())  # type: ignore[arg-type]
+        playing = Scheduling()
+        actuator = line.following(playing)  # type: ignore[arg-type]
         # The probe of the masker is of no trial.
         actuator.landed(0)
         line.after(ARMED)
@@ -235,12 +240,20 @@ def test_a_stimulus_is_sent_at_the_onset_that_was_aimed_at_last_and_not_if_it_is
         actuator.withdraw()
         time.sleep(0.06)
         actuator.prepare(None)  # type: ignore[arg-type]
+        late_ns = clock.now_ns() + 30_000_000
+        actuator.aim(late_ns)
+        # What can no longer be moved or withdrawn is sent.
+        playing.withdraws = False
+        assert not actuator.aim(-1)
+        assert not actuator.withdraw()
+        time.sleep(0.06)
+        actuator.prepare(None)  # type: ignore[arg-type]
         actuator.landed(clock.now_ns())
         line.after(Redo(trial=1, attempt=1, reason="a test", put_off=True))
         actuator.landed(clock.now_ns())
         (sent,) = line.before(Footer(reason="complete", answered=0))
-    assert [one.event for one in sent.sent] == ["trial", "stimulus", "stimulus", "end"]
-    assert sent.sent[1].due_ns == onset_ns
+    assert [one.event for one in sent.sent] == ["trial", "stimulus", "stimulus", "stimulus", "end"]
+    assert [one.due_ns for one in sent.sent[1:3]] == [onset_ns, late_ns]
     assert sent.sent[1].late_ms is not None
     assert sent.sent[1].late_ms >= 0
 
@@ -252,7 +265,7 @@ def test_the_doctor_sends_its_test_and_says_what_each_line_is_for(
     rig = rigs.load(rig_file(tmp_path, *tables, LSL.format(name="palpate doctor")))
     there, gone, stream = doctor.checks(rig, clock=MonotonicClock())
     assert [one.verdict for one in (there, gone, stream)] == ["passes", "refuses", "passes"]
-    assert wire.read() == bytes([triggers.TEST])
+    assert wire.read(1) == bytes([triggers.TEST])
     monkeypatch.setitem(sys.modules, "palpate.experiment.apparatus.wires.lsl", None)
     monkeypatch.setitem(sys.modules, "pylsl", None)
     assert [one.verdict for one in doctor.checks(rig, clock=MonotonicClock())] == ["passes", "refuses", "refuses"]
@@ -268,7 +281,7 @@ def test_the_driver_of_the_guide_clears_what_it_sends(tmp_path: Path, wire: Wire
     with closing(triggers.open_line(rig, 1)) as line:
         line.send(3, 0.0)
         line.send(4, 0.0)
-    assert wire.read() == b"\x03\0\x04\0"
+    assert wire.read(4) == b"\x03\0\x04\0"
 
 
 def test_without_an_interface_nothing_but_this_machine_is_told() -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from palpate.experiment.desk import link
+from palpate.experiment.desk.console import transport
 from palpate.experiment.desk.link import Line
 from palpate.experiment.desk.messages import Choose, Hello, Reply, View, Write
 from palpate.experiment.desk.questions import WITHOUT
@@ -91,7 +91,7 @@ class Desk:
             self.process = servers.Process(target=give_command, args=(self.folder, words, self.simulated), daemon=False)
             self.process.start()
         ends_s = time.monotonic() + PATIENCE_S
-        while not link.answers(self.socket):
+        while not transport.answers(self.socket):
             assert self.process.is_alive(), self.log
             assert time.monotonic() < ends_s
             time.sleep(0.01)

@@ -1,5 +1,7 @@
 """Opens the force device of a rig, and its tracker with it."""
 
+import os
+
 from palpate.experiment.apparatus.opening import open_tracker, simulated_only
 from palpate.experiment.apparatus.rig import REHEARSAL, Rig, needed, tracker_of
 from palpate.experiment.apparatus.servo.link import Servo, ServoHere, ServoProcess
@@ -8,7 +10,7 @@ from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
-from palpate.experiment.errors import RigError
+from palpate.experiment.errors import RigError, ServoError
 from palpate.experiment.protocol.kinds.tapping import Tapping
 
 
@@ -16,6 +18,15 @@ def servo_of(rig: Rig) -> ServoRig:
     """Return the force device of a rig for virtual surfaces; `RigError` if it has none."""
     remedy = "add driver, address, full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file"
     return needed(rig, "servo", rig.servo, remedy, "for virtual surfaces need it")
+
+
+def refuse_system() -> None:
+    """Raise `ServoError` where no process can be given a socket and memory that are open, as on Windows."""
+    if os.name != "posix":
+        raise ServoError(
+            "virtual surfaces are rendered to a hand on Linux and macOS alone; nothing was opened",
+            remedy="run the session there; rehearsals go on here",
+        )
 
 
 def open_servo(

@@ -138,12 +138,14 @@ class SessionTriggers:
         for line in self._lines:
             line.put(event, due_ns)
 
-    def stimulus(self, due_ns: int | None) -> None:
-        """Have the stimulus of a trial sent at its onset, in place of one that was not sent yet; None for none."""
-        for line in self._lines:
-            line.withdraw("stimulus")
-            if due_ns is not None and self._armed:
-                line.put("stimulus", due_ns)
+    def stimulus(self, due_ns: int) -> None:
+        """Have the stimulus of a trial sent at its onset."""
+        if self._armed:
+            self.put("stimulus", due_ns)
+
+    def take_back(self) -> list[_Line]:
+        """Take back the stimulus that is not due yet; return the lines that had one."""
+        return [line for line in self._lines if line.withdraw("stimulus")]
 
     def following(self, actuator: Actuator) -> Actuator:
         """Return an actuator whose stimuli are sent."""
@@ -151,33 +153,43 @@ class SessionTriggers:
 
 
 class _Followed:
-    """An actuator, and the triggers of what it plays."""
+    """An actuator, and the triggers of what it plays; none is due while it decides whether it still can."""
 
     def __init__(self, actuator: Actuator, triggers: SessionTriggers, clock: Clock) -> None:
         self._actuator, self._triggers, self._clock = actuator, triggers, clock
-        self._scheduled = False
+        self._onset_ns: int | None = None
 
     def prepare(self, stimulus: Waveform) -> Played:
-        played = self._actuator.prepare(stimulus)
-        self._scheduled = False
-        self._triggers.stimulus(None)
-        return played
+        self._triggers.take_back()
+        self._onset_ns = None
+        return self._actuator.prepare(stimulus)
 
     def aim(self, onset_ns: int) -> bool:
+        lines = self._triggers.take_back()
         aimed = self._actuator.aim(onset_ns)
         if aimed and self._actuator.lead_ns:
-            self._scheduled = True
+            self._onset_ns = onset_ns
             self._triggers.stimulus(onset_ns)
+        else:
+            self._put_back(lines)
         return aimed
 
     def landed(self, contact_ns: int) -> None:
         self._actuator.landed(contact_ns)
-        if not self._scheduled:
+        if self._onset_ns is None:
             self._triggers.stimulus(self._clock.now_ns())
 
     def withdraw(self) -> bool:
-        self._triggers.stimulus(None)
-        return self._actuator.withdraw()
+        lines = self._triggers.take_back()
+        silent = self._actuator.withdraw()
+        if not silent:
+            self._put_back(lines)
+        return silent
+
+    def _put_back(self, lines: Sequence[_Line]) -> None:
+        for line in lines:
+            if self._onset_ns is not None:
+                line.put("stimulus", self._onset_ns)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._actuator, name)
@@ -206,11 +218,12 @@ class _Line:
                 self._due = sorted([*self._due, (due_ns, event)])
                 self._changed.notify_all()
 
-    def withdraw(self, event: str) -> None:
-        """Take back what is not due yet."""
+    def withdraw(self, event: str) -> bool:
+        """Take back what is not due yet; return whether there was any."""
         with self._changed:
-            now_ns = self._clock.now_ns()
+            now_ns, before = self._clock.now_ns(), len(self._due)
             self._due = [one for one in self._due if one[1] != event or one[0] <= now_ns]
+            return len(self._due) < before
 
     def settle(self, timeout_s: float) -> None:
         """Wait until nothing is left to send, but no longer than this."""

@@ -17,7 +17,7 @@ import numpy as np
 from palpate.experiment import storage
 from palpate.experiment.apparatus.audio.microphone import Microphone
 from palpate.experiment.clock import Clock, wall_ns
-from palpate.experiment.desk import link
+from palpate.experiment.desk.console import transport
 from palpate.experiment.desk.questions import WITHOUT, Console, Notice, Say
 from palpate.experiment.desk.voice import ear, hearing
 from palpate.experiment.desk.voice.hearing import BEFORE_S, LISTENED_S
@@ -113,7 +113,7 @@ class Enroller:
 def place(dataset: Path, participant: str) -> Path | None:
     """Return where a participant's takes are kept during a visit; None where the system has no such place."""
     try:
-        return link.place(dataset, participant).with_suffix(".voice")
+        return transport.place(dataset, participant).with_suffix(".voice")
     except LinkError:
         return None
 

@@ -13,6 +13,7 @@ from contextlib import closing, suppress
 from itertools import count
 from pathlib import Path
 from queue import SimpleQueue
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -20,8 +21,10 @@ from hypothesis import strategies as st
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.desk import link
+from palpate.experiment.desk.console import transport
 from palpate.experiment.desk.link import Line, Link, from_console
 from palpate.experiment.desk.messages import (
+    Command,
     Deed,
     Gauges,
     Hello,
@@ -104,10 +107,10 @@ def test_every_command_is_answered_under_its_number(session: Session, listening:
 def test_only_its_owner_may_open_it(listening: Link, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert stat.S_IMODE((tmp_path / "s").stat().st_mode) == 0o600
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    folder = link.place(tmp_path / "dataset", "01").parent
+    folder = transport.place(tmp_path / "dataset", "01").parent
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     folder.chmod(0o750)
-    other = link.place(tmp_path / "dataset", "01").parent
+    other = transport.place(tmp_path / "dataset", "01").parent
     assert (other != folder, stat.S_IMODE(other.stat().st_mode)) == (True, 0o700)
 
 
@@ -134,29 +137,29 @@ def test_a_name_that_another_user_took_locks_nobody_out(
         usual.touch()
     else:
         usual.symlink_to(mine)
-    place = link.place(tmp_path / "dataset", "01")
+    place = transport.place(tmp_path / "dataset", "01")
     assert place.parent not in (usual, mine)
     assert place.parent.stat().st_mode & 0o077 == 0
     with closing(Link(place, Session())):
         # Both ends find the same folder, and a folder of somebody else in between changes nothing.
         (tmp_path / f"{usual.name}-0").mkdir(mode=0o755)
-        assert link.answers(link.place(tmp_path / "dataset", "01"))
+        assert transport.answers(transport.place(tmp_path / "dataset", "01"))
         if taken == "a file":
             usual.unlink()
-            assert link.answers(link.place(tmp_path / "dataset", "01"))
+            assert transport.answers(transport.place(tmp_path / "dataset", "01"))
 
 
 def test_a_folder_in_which_nothing_can_be_made_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))
     with pytest.raises(LinkError, match="XDG_RUNTIME_DIR"):
-        link.place(tmp_path / "dataset", "01")
+        transport.place(tmp_path / "dataset", "01")
 
 
 def test_each_session_has_a_place_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    places = {link.place(tmp_path / dataset, who) for dataset in ("a", "b") for who in ("01", "02")}
+    places = {transport.place(tmp_path / dataset, who) for dataset in ("a", "b") for who in ("01", "02")}
     assert len(places) == 4
-    assert link.place(tmp_path / "a", "01") in places
+    assert transport.place(tmp_path / "a", "01") in places
 
 
 def test_one_session_listens_at_a_place_and_what_a_killed_one_left_is_replaced(
@@ -166,9 +169,9 @@ def test_one_session_listens_at_a_place_and_what_a_killed_one_left_is_replaced(
         Link(tmp_path / "s", session)
     with socket.socket(socket.AF_UNIX) as killed:
         killed.bind(str(tmp_path / "left"))
-    assert not link.answers(tmp_path / "left")
+    assert not transport.answers(tmp_path / "left")
     with closing(Link(tmp_path / "left", session)):
-        assert link.answers(tmp_path / "left")
+        assert transport.answers(tmp_path / "left")
     assert not (tmp_path / "left").exists()
     with pytest.raises(LinkError, match="no session listens"):
         Line(tmp_path / "left", ME)
@@ -305,11 +308,11 @@ def test_a_fault_of_the_sessions_end_is_seen_by_consoles_and_told_to_the_session
         for _ in there.messages():
             pass
     assert session.gone.result(10) == "ZeroDivisionError: a driver's own"
-    assert not link.answers(tmp_path / "s")
+    assert not transport.answers(tmp_path / "s")
     # Another session may have the place already when this one closes.
     with closing(Link(tmp_path / "s", Session())):
         listening.close()
-        assert link.answers(tmp_path / "s")
+        assert transport.answers(tmp_path / "s")
 
 
 def test_who_has_a_reply_to_get_is_told_the_last_state_after_it(tmp_path: Path) -> None:
@@ -360,3 +363,73 @@ def test_the_thread_that_a_console_waits_for_waits_less_for_other_work(
     monkeypatch.setattr(host, "favour", lambda: favoured.set_result(threading.current_thread().name))
     with closing(Link(tmp_path / "s", Session())):
         assert favoured.result(10) == "desk"
+
+
+@pytest.fixture
+def without_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A system whose sockets are no files."""
+    there = {name: value for name, value in vars(socket).items() if name != "AF_UNIX"}
+    monkeypatch.setattr(transport, "socket", SimpleNamespace(**there))
+
+
+@pytest.mark.usefixtures("without_files")
+def test_without_socket_files_a_console_comes_by_a_port_of_this_machine(session: Session, tmp_path: Path) -> None:
+    with closing(Link(tmp_path / "s", session)) as listening:
+        assert listening._server.getsockname()[0] == "127.0.0.1"
+        assert stat.S_IMODE((tmp_path / "s").stat().st_mode) == 0o600
+        assert transport.answers(tmp_path / "s")
+        with pytest.raises(LinkError):
+            Link(tmp_path / "s", session)
+        with closing(Line(tmp_path / "s", ME)) as there:
+            assert next(views(there)).study == "small"
+            there.send(TakeNote(text="Coughs."))
+            assert any(isinstance(message, Reply) and message.taken for message in there.messages())
+    assert not (tmp_path / "s").exists()
+    with pytest.raises(LinkError):
+        Line(tmp_path / "s", ME)
+
+
+def said_at(port: int, said: bytes) -> bytes:
+    """What is heard at a port by whoever says this."""
+    heard = b""
+    with socket.create_connection(("127.0.0.1", port)) as other, suppress(OSError):
+        other.settimeout(5)
+        other.sendall(said)
+        while more := other.recv(4096):
+            heard += more
+    return heard
+
+
+@pytest.mark.usefixtures("without_files")
+@pytest.mark.parametrize("wrong", ["nothing", "another", "the first half of it", "its text"])
+def test_who_does_not_show_the_secret_is_neither_heard_nor_told(session: Session, tmp_path: Path, wrong: str) -> None:
+    asked = line(ME) + line(Command(id=1, deed=TakeNote(text="Coughs.")))
+    with closing(Link(tmp_path / "s", session)):
+        port, _, secret = (tmp_path / "s").read_text("ascii").partition(" ")
+        shown = {
+            "nothing": b"",
+            "another": bytes(transport.SECRET),
+            "the first half of it": bytes.fromhex(secret)[: transport.SECRET // 2] + bytes(transport.SECRET // 2),
+            "its text": secret.encode(),
+        }
+        assert said_at(int(port), shown[wrong] + asked) == b""
+    assert session.taken == []
+
+
+@pytest.mark.usefixtures("without_files")
+def test_a_port_that_another_program_has_by_now_is_no_sessions(session: Session, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        (tmp_path / "s").write_text(f"{other.getsockname()[1]} {'00' * transport.SECRET}", "ascii")
+
+        def echo() -> None:
+            with suppress(OSError):
+                connection, _ = other.accept()
+                with connection:
+                    connection.sendall(connection.recv(4096))
+
+        threading.Thread(target=echo, daemon=True).start()
+        assert not transport.answers(tmp_path / "s")
+    (tmp_path / "s").write_text("nothing of palpate's", "ascii")
+    assert not transport.answers(tmp_path / "s")
+    with closing(Link(tmp_path / "s", session)):
+        assert transport.answers(tmp_path / "s")

@@ -16,7 +16,7 @@ from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.servo import budget, passivity
 from palpate.experiment.apparatus.servo.link import Servo
-from palpate.experiment.apparatus.servo.opening import open_servo, servo_of
+from palpate.experiment.apparatus.servo.opening import open_servo, refuse_system, servo_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import day
@@ -62,6 +62,8 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     `conditioning.open_drive`.
     """
     protocol, rig, clock = sitting.protocol, sitting.rig, sitting.clock
+    if not clock.simulated:
+        refuse_system()
     virtual = protocol.table(Tapping)
     device = servo_of(rig)
     if not rig.rig.simulated:
@@ -95,6 +97,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
+    refuse_system()
     virtual, device, tracker = protocol.table(Tapping), servo_of(rig), tracker_of(rig)
     passivity.refuse_beyond(virtual, device, tracker, rig=rig.rig.name)
     budget.refuse_beyond(virtual, device, tracker, limit_n=limit_n(protocol, rig), rig=rig.rig.name)
