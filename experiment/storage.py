@@ -410,6 +410,11 @@ def left_of(dataset: Path, participant: str) -> list[Path]:
     return [path for path in (*source, *tables) if path != withdrawal_path(dataset, participant)]
 
 
+def facts_path(dataset: Path, participant: str) -> Path:
+    """Return where what a participant was asked about themselves stands inside a dataset."""
+    return participant_folder(dataset, participant) / f"sub-{participant}_facts.json"
+
+
 def rig_path(journal_file: Path) -> Path:
     """Return where the rig file of a session stands, beside its journal."""
     return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_rig.toml"))

@@ -33,6 +33,7 @@ COMMANDS = {
         "amend": ("board", "Record an amendment, a renewal or a suspension of a study, or its end."),
         "incident": ("board", "Record an adverse event or a deviation from the protocol."),
         "consent": ("laboratory", "Record the consent of an enrolled participant."),
+        "facts": ("laboratory", "Record what a participant tells of themselves, or correct it."),
         "person": ("laboratory", "Ask for a participant's name, and store it outside of every dataset."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
         "run": ("session", "Run a participant's visit, or the rest of one."),

@@ -13,7 +13,7 @@ from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder, a_day
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.findings import shown
-from palpate.experiment.settings.characters import plain
+from palpate.experiment.settings.characters import plain, quoted
 
 commands = options.room()
 answers = typer.Typer(
@@ -35,6 +35,10 @@ ConsentOn = Annotated[
 ]
 Sharing = Annotated[
     bool | None, typer.Option("--sharing/--no-sharing", help="Whether their data may be shared [protocol: [sharing]].")
+]
+Fact = Annotated[
+    list[str] | None,
+    typer.Option("--fact", metavar="ID=ANSWER", help="What they tell of themselves, as the protocol asks."),
 ]
 
 
@@ -74,24 +78,87 @@ def enrol(
         ),
     ] = False,
     sharing: Sharing = None,
+    fact: Fact = None,
 ) -> None:
     """Enrol the next participant of a study.
 
     The first one begins the dataset. Whether it is that of a pilot is settled then; later commands find a pilot by
     --dataset. Once all are enrolled whom the study plans, each further one takes the place of somebody who withdrew
     before completing, in the same order of tasks.
+
+    What the protocol asks of participants ([[asked.people]]) is given with --fact, or asked at a terminal.
     """
     from palpate.experiment.protocol.approval import sealing
     from palpate.experiment.study import enrolment, privacy
 
     _check_roster(protocol_file, dataset, pilot=pilot)
+    given = _ask_facts(protocol_file, fact or [])
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
     _record_sharing(protocol_file, participant, sharing, path.parent.parent)
+    _record_facts(protocol_file, participant, given, path.parent.parent)
     if warning := privacy.readers_warning(path.parent.parent):
         options.say(f"palpate: {warning}", err=True)
     if told := sealing.unsealed(protocol_file):
         options.say(f"palpate: {told}", err=True)
+
+
+def _ask_facts(protocol_file: Path, fact: list[str]) -> dict[str, str]:
+    """Return what was given of what a participant is asked, and of the rest what is typed at a terminal."""
+    from palpate.experiment.protocol import files
+
+    given: dict[str, str] = {}
+    for text in fact:
+        name, sign, value = text.partition("=")
+        if not sign:
+            raise RosterError("--fact", f"got {quoted(text)}", allowed="ID=ANSWER, such as age=34")
+        given[name.strip()] = value
+    protocol = files.load(protocol_file)
+    if not given and not getattr(protocol, "asked", None):
+        return {}
+    from palpate.experiment.study.people import facts
+
+    facts.read(protocol, given)
+    for one in facts.facts(protocol) if sys.stdin.isatty() and sys.stdout.isatty() else ():
+        while one.id not in given:
+            typed = options.ask(f"{one.question} ({one.allowed}; nothing for no answer) ")
+            try:
+                one.read(typed)
+                given[one.id] = typed
+            except ValueError:
+                options.say(f"got {quoted(typed)}; allowed: {one.allowed}", err=True)
+    return given
+
+
+def _record_facts(protocol_file: Path, participant: str, given: dict[str, str], root: Path) -> None:
+    if not given:
+        return
+    from palpate.experiment import storage
+    from palpate.experiment.dataset import build as datasets
+    from palpate.experiment.study.people import facts
+
+    path = facts.record(protocol_file, participant, given, root=root)
+    typer.echo(f"What participant {participant} told of themselves is on record: {path}")
+    if storage.journals(root):
+        datasets.build(root)
+
+
+@commands.command(epilog="Example: palpate facts study.toml --participant 01 --fact age=34")
+def facts(
+    protocol_file: ProtocolFile, participant: Participant, fact: Fact = None, dataset: StudyFolder = None
+) -> None:
+    """Record what a participant tells of themselves, or correct it.
+
+    The protocol says what is asked ([[asked.people]]). The answers stand in a file of the participant's own and in
+    participants.tsv; the roster has a hash with a salt, which goes with the file. A withdrawal deletes all of them.
+    """
+    from palpate.experiment.study import enrolment
+
+    _check_roster(protocol_file, dataset)
+    given = _ask_facts(protocol_file, fact or [])
+    if not given:
+        raise RosterError("got no --fact", remedy="give one for each answer", allowed="--fact ID=ANSWER")
+    _record_facts(protocol_file, participant, given, enrolment.study_begun(protocol_file, dataset))
 
 
 def _record_sharing(protocol_file: Path, participant: str, agreed: bool | None, dataset: Path | None) -> None:
@@ -410,9 +477,10 @@ def withdraw(
 ) -> None:
     """Record that a participant withdrew.
 
-    Their journals say so too, and no data of theirs is analysed. With --erase their journals, raw frames and tables are
-    deleted, once their label was typed again; the roster keeps it, their consent, the withdrawal, and that their data
-    were erased. To finish what was interrupted, run the same command again. An anchor is kept in the dataset.
+    Their journals say so too, and no data of theirs is analysed; what they told of themselves is deleted. With --erase
+    their journals, raw frames and tables are deleted, once their label was typed again; the roster keeps it, their
+    consent, the withdrawal, and that their data were erased. To finish what was interrupted, run the same command
+    again. An anchor is kept in the dataset.
     """
     from palpate.experiment.dataset import build as datasets
     from palpate.experiment.dataset import checks

@@ -234,8 +234,9 @@ def check(
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.errors import ProtocolError
-    from palpate.experiment.protocol import approval, blocks, files, page, rendering
+    from palpate.experiment.protocol import approval, blocks, files, page
     from palpate.experiment.protocol.approval import sealing
+    from palpate.experiment.protocol.page import rendering
 
     try:
         protocol = files.load(protocol_file)

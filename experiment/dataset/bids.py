@@ -131,7 +131,7 @@ def description(root: Path, text: DatasetText) -> Files:
     texts, as BIDS wants them.
     """
     label = LABELS[text.origin]
-    name = _labelled(text.name, text.origin)
+    name = labelled(text.name, text.origin)
     facts = {
         "Format": storage.DATASET_FORMAT,
         "Study": text.study,
@@ -207,12 +207,17 @@ def _is_orcid(orcid: str) -> bool:
     return "0123456789X"[(12 - total % 11) % 11] == digits[-1]
 
 
-def participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin) -> Files:
-    """Return `participants.tsv` and its sidecar; columns as in events.json, `origin` the same in all rows."""
+def participants(
+    root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin, asked: Columns | None = None
+) -> Files:
+    """Return `participants.tsv` and its sidecar; columns as in events.json, `origin` the same in all rows.
+
+    `asked` are columns of what participants were asked about themselves.
+    """
     rows = ({**row, "origin": origin} for row in rows)
-    described = _described(columns_of("participants"), origin)
+    described = _described({**columns_of("participants"), **(asked or {})}, origin)
     label = described["participant_id"]
-    label["Description"] = _labelled(str(label["Description"]), origin)
+    label["Description"] = labelled(str(label["Description"]), origin)
     return {
         root / "participants.tsv": table(tuple(described), rows),
         root / "participants.json": storage.json_bytes(described),
@@ -246,7 +251,7 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
     sidecar: dict[str, object] = {
         "TaskName": task.id,
         "TaskTitle": task.title,
-        "TaskDescription": _labelled(task.description, task.origin),
+        "TaskDescription": labelled(task.description, task.origin),
         "Instructions": task.instructions,
         "StimulusPresentation": dict(task.stimulus_presentation),
         "Kind": task.kind,
@@ -292,14 +297,15 @@ def write_physio(
         "Columns": list(columns),
         "PhysioType": "generic",
         "TaskName": task,
-        "Description": _labelled(description, origin),
+        "Description": labelled(description, origin),
     }
     for name, column in columns.items():
         sidecar[name] = {"Description": column.description, "Units": column.units}
     storage.write_json(path.with_name(path.name.removesuffix(".tsv.gz") + ".json"), sidecar)
 
 
-def _labelled(text: str, origin: Origin) -> str:
+def labelled(text: str, origin: Origin) -> str:
+    """Return a text, led by the label of what is no data of a study."""
     return f"{LABELS[origin]}: {text}" if LABELS[origin] else text
 
 

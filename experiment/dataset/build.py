@@ -103,10 +103,17 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         first_tasks.setdefault(header.participant, bids.MISSING)
         if header.task_position == 1:
             first_tasks[header.participant] = header.task
-    people = [
+    people: list[dict[str, object]] = [
         {"participant_id": f"sub-{who}", "first_task": first, "withdrawn": who in withdrawn}
         for who, first in first_tasks.items()
     ]
+    asked: dict[str, dict[str, object]] = {}
+    answered: bids.Files = {}
+    if any(getattr(one, "asked", None) for one in (protocol, *dataset.versions.values())):
+        answered = import_module("palpate.experiment.dataset.phenotype").files(root, dataset, origin)
+        facts = import_module("palpate.experiment.study.people.facts")
+        asked = {name: one.column() for name, one in facts.columns((*dataset.versions.values(), protocol)).items()}
+        people = [row | facts.answers(root, str(row["participant_id"]).removeprefix("sub-")) for row in people]
     simulated = origin in ("PRACTICE", "REHEARSAL")
     of_kind, folder = f"{protocol.tasks[0].kind}.toml", Path(__file__).with_name("kinds")
     readme: dict[str, str] = {}
@@ -126,7 +133,7 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         approvals=tuple(_approvals(dataset)),
         incidents=tuple(one.sentence for one in dataset.people.incidents),
     )
-    return bids.participants(root, people, origin=origin) | bids.description(root, text)
+    return bids.participants(root, people, origin=origin, asked=asked) | answered | bids.description(root, text)
 
 
 def _approvals(dataset: Dataset) -> Iterator[str]:

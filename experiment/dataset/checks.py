@@ -375,6 +375,15 @@ def _levels(dataset: Dataset) -> Iterator[Finding]:
             yield from tracks.findings(path, journal.read(path).entries)
 
 
+def _facts(dataset: Dataset) -> Iterable[Finding]:
+    """Return what is wrong with the files of what participants told of themselves; nothing where nothing is asked."""
+    if not any(getattr(one, "asked", None) for one in dataset.versions.values()):
+        return ()
+    facts = import_module("palpate.experiment.study.people.facts")
+    wrong: Iterable[Finding] = facts.findings(dataset.root, dataset.people)
+    return wrong
+
+
 def _check_header(path: Path, header: Header, study: Dataset) -> None:
     """Refuse a journal that is not of this path, this study, and its purpose."""
     participant, task = header.participant, header.task
@@ -523,6 +532,7 @@ CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "tables": _tables_alone,
     "participants": _lost_sessions,
     "withdrawals": lambda dataset: _forgotten_withdrawals(dataset.root, dataset.people, dataset.withdrawals),
+    "facts": lambda dataset: _facts(dataset),
     "edits": lambda dataset: import_module("palpate.experiment.dataset.tables").differences(dataset),
     "traces": lambda dataset: import_module("palpate.experiment.dataset.tables").lost_traces(dataset),
     **OF_FILES,

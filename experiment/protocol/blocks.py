@@ -1,4 +1,4 @@
-"""What a page is made of, one value for the two renderings of `rendering.py`."""
+"""What a page is made of, one value for the two renderings of `page/rendering.py`."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,7 @@
 """Protocol files: their model, reading one, and finding those that come with palpate."""
 
 import hashlib
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +32,24 @@ def _tables() -> dict[str, Any]:
     }
 
 
+def _asked_table() -> tuple[Any, Any]:
+    """Return the field of the table of what participants are asked beside the trials."""
+    table = import_module("palpate.experiment.protocol.asked").Asked
+    return table | None, Field(None, json_schema_extra={"since": 7})
+
+
 def _docstring() -> str:
     """Return what a protocol is, with what each table of `_tables` is for."""
-    return (Protocol.__doc__ or "").rstrip() + "".join(
-        f"\n        {name}: what trials of `{name}` need, in a study of these." for name in _tables()
+    return (
+        (Protocol.__doc__ or "").rstrip()
+        + "".join(f"\n        {name}: what trials of `{name}` need, in a study of these." for name in _tables())
+        + "\n        asked: what participants are asked beside the trials."
     )
 
 
-ProtocolFile = create_model("ProtocolFile", __base__=Protocol, __module__=__name__, __doc__=_docstring(), **_tables())
+ProtocolFile = create_model(
+    "ProtocolFile", __base__=Protocol, __module__=__name__, __doc__=_docstring(), **_tables(), asked=_asked_table()
+)
 """A whole study with the tables of every kind and design, of which a file has those of its own."""
 
 

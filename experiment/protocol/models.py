@@ -19,7 +19,7 @@ from palpate.experiment.errors import ProtocolError, mismatch
 from palpate.experiment.protocol import rules
 from palpate.experiment.protocol.designs import Design, design_of
 from palpate.experiment.protocol.kinds import Kind
-from palpate.experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text
+from palpate.experiment.settings.load import Confined, Key, Label, Line, Name, Remark, Rules, Text
 from palpate.experiment.storage import Place
 
 OLDER = (2, 3)
@@ -105,11 +105,15 @@ class Sharing(Confined):
         statement: what participants are told and agree to, or not: a question of its own.
         smallest_group: how many participants at least are alike in all that is shared of who they are.
         keep_labels: whether the laboratory keeps which label a participant has in what is shared.
+        facts: ids of `[[asked.people]]` that are shared.
+        questionnaires: ids of `[[asked.questionnaires]]` of which all but texts is shared.
     """
 
     statement: Text
     smallest_group: Annotated[int, Field(ge=1, le=1000)] = 5
     keep_labels: bool = False
+    facts: tuple[Line, ...] = ()
+    questionnaires: tuple[Line, ...] = ()
 
 
 class Duration(Confined):

@@ -267,6 +267,20 @@ class Visited(Entry):
     text: str
 
 
+class Questioned(Entry):
+    """What the participant answered to an item of a questionnaire; None where they did not."""
+
+    kind: Literal["questioned"] = "questioned"
+    questionnaire: str
+    item: str
+    answer: str | int | float | None
+
+    @property
+    def step(self) -> str:
+        """The item as a step of the visit."""
+        return f"{self.questionnaire}.{self.item}"
+
+
 class Note(Entry):
     """What the experimenter noted, during a trial or, where `trial` is None, outside of trials."""
 

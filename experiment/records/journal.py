@@ -36,6 +36,7 @@ SHARED: tuple[type[Entry], ...] = (
     entries.Commanded,
     entries.Shown,
     entries.Visited,
+    entries.Questioned,
     entries.Ignored,
     entries.Redo,
     entries.Triggers,

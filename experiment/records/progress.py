@@ -95,7 +95,7 @@ class Progress:
             return replace(done, levels={**done.levels, entry.trial: entry.level})
         if isinstance(entry, entry_kinds.TrackEnded):
             return replace(done, ended=done.ended | {entry.track})
-        if isinstance(entry, entry_kinds.Visited):
+        if isinstance(entry, entry_kinds.Visited | entry_kinds.Questioned):
             return replace(done, visited=(*done.visited, entry.step))
         if isinstance(entry, entry_kinds.MaskerSet) and entry.level_db_a is not None:
             return replace(done, masker_db_a=entry.level_db_a)

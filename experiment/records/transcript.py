@@ -108,6 +108,8 @@ def _entry_text(line: Line | Unreadable, task_kind: str) -> str:
             return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
         case entries.Visited():
             return f"{entry.step}: {entry.text}"
+        case entries.Questioned():
+            return f"{entry.step}: {'no answer' if entry.answer is None else entry.answer}"
         case entries.Commanded():
             refused = "" if entry.taken else f", refused: {entry.reply}"
             return f"asked for by {entry.by}: {entry.command}{refused}"

@@ -360,6 +360,7 @@ class _Session:
             if self._masking is not None:
                 self._masking.end()
                 self._masking.record()
+            self._question("after")
             if self.last:
                 self._attempts.remarks.ask_report()
             self._attempts.debrief()
@@ -469,9 +470,16 @@ class _Session:
         ):
             self._follow(Event.RESUME)
         else:
+            self._question("before")
             self._follow(Event.BEGIN)
             self._familiarise()
             self._follow(Event.FAMILIARISED)
+
+    def _question(self, when: Literal["before", "after"]) -> None:
+        """Have the questionnaires before or after the task answered, where there are any."""
+        if getattr(self.protocol, "asked", None) is not None:
+            asking = import_module("palpate.experiment.session.answering.questionnaires")
+            asking.ask(self.protocol, self._task.id, when, self.devices.console, self.log)
 
     def _familiarise(self) -> None:
         wanted = self._task.familiarisation

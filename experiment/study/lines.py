@@ -58,6 +58,17 @@ def sharing_sha256(rule: Sharing | None) -> str:
     return hashlib.sha256(rule.model_dump_json(exclude_defaults=True).encode()).hexdigest() if rule else ""
 
 
+class Facts(Entry):
+    """A participant answered what the protocol asks of them; the last such line holds.
+
+    The hash is that of the file of their answers, which has its salt: once that is deleted it tells nothing.
+    """
+
+    kind: Literal["facts"] = "facts"
+    participant: str
+    file_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
 class Informed(Entry):
     """The board was informed of an incident that was on record before."""
 

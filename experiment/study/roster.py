@@ -26,7 +26,7 @@ from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import VISIBLE, Line
 from palpate.experiment.study.approvals import Approvals, Approved, Stopped
-from palpate.experiment.study.lines import Eligible, Incident, Informed, criteria_sha256, sharing_sha256
+from palpate.experiment.study.lines import Eligible, Facts, Incident, Informed, criteria_sha256, sharing_sha256
 from palpate.experiment.study.schedule import labels, stranger
 
 FORMAT: Literal[2] = 2
@@ -157,7 +157,8 @@ AnyEntry = Annotated[
     | Stopped
     | Incident
     | Informed
-    | Eligible,
+    | Eligible
+    | Facts,
     Field(discriminator="kind"),
 ]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
@@ -176,8 +177,8 @@ class Roster:
     in a study that began before such lines. `approved` are the approvals after the first, `stopped` what suspended or
     ended them, and `consented` the number of the approval to whose version each participant consented. `consents` has
     the days of all their consents, as corrected. `incidents` are adverse events and deviations, which name nobody.
-    `eligible` has the hash of the criteria that each participant was confirmed to meet. `now_ns` tells the time of a
-    new line.
+    `eligible` has the hash of the criteria that each participant was confirmed to meet, `facts` that of the file of
+    what they were asked about themselves. `now_ns` tells the time of a new line.
     """
 
     path: Path
@@ -195,6 +196,7 @@ class Roster:
     consents: dict[str, list[date]] = field(default_factory=dict)
     incidents: list[Incident] = field(default_factory=list)
     eligible: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, str] = field(default_factory=dict)
     seed_sha256: str | None = None
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
@@ -264,6 +266,10 @@ class Roster:
         sha256 = criteria_sha256(criteria)
         facts = {"participant": participant, "criteria": len(criteria), "criteria_sha256": sha256}
         self._append(Eligible, **facts, confirmed_on=today)
+
+    def keep_facts(self, participant: str, file_sha256: str) -> None:
+        """Record the hash of what a participant told of themselves. Raises `RosterError` as `confirm`."""
+        self._append(Facts, participant=participant, file_sha256=file_sha256)
 
     def is_confirmed(self, participant: str, protocol: Protocol) -> bool:
         """Return whether a participant may take part by the criteria, or nobody has to confirm these."""
@@ -437,20 +443,23 @@ class Roster:
             on_record = f"the reason on record is '{self.withdrawn[participant]}'; give that one"
             mend = on_record if isinstance(entry, Withdrawn) else "enrol another participant"
             raise RosterError(f"participant {participant} has withdrawn already", remedy=mend)
-        known = self.consent_on[participant]
-        if isinstance(entry, Withdrawn):
-            self.withdrawn[participant] = entry.reason
-            return
-        if isinstance(entry, Voices | Eligible):
-            if isinstance(entry, Voices):
+        self._apply_to_active(entry)
+
+    def _apply_to_active(self, entry: Withdrawn | Voices | Eligible | Facts | Sharing | Consented | Corrected) -> None:
+        participant = entry.participant
+        match entry:
+            case Withdrawn():
+                self.withdrawn[participant] = entry.reason
+            case Voices():
                 self.voices[participant] = entry.agreed
-            else:
+            case Eligible():
                 self.eligible[participant] = entry.criteria_sha256
-            return
-        if isinstance(entry, Sharing):
-            self.sharing[participant] = entry.sharing_sha256 if entry.agreed else ""
-            return
-        self._apply_consent(entry, known)
+            case Facts():
+                self.facts[participant] = entry.file_sha256
+            case Sharing():
+                self.sharing[participant] = entry.sharing_sha256 if entry.agreed else ""
+            case _:
+                self._apply_consent(entry, self.consent_on[participant])
 
     def _apply_to_study(self, entry: Approved | Stopped | Incident | Informed | Shared) -> None:
         if isinstance(entry, Approved | Stopped):

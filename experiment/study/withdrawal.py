@@ -25,9 +25,9 @@ def withdraw(
     """Record that a participant withdrew, and return the roster's file; analysis omits them.
 
     The roster is written first, then the journals, then the tables (`rebuild`); the same call completes an interrupted
-    one. `erase` also deletes the participant's data, except for a note of the withdrawal. Raises `RosterError` if the
-    participant is not enrolled, has another reason on record, or the reason is not one line, names somebody or mentions
-    health; `SessionLocked` during a session.
+    one. What the participant told of themselves is deleted in any case; `erase` also deletes their data, except for a
+    note of the withdrawal. Raises `RosterError` if the participant is not enrolled, has another reason on record, or
+    the reason is not one line, names somebody or mentions health; `SessionLocked` during a session.
     """
     root = study_begun(protocol_file, root)
     path = storage.roster_path(root)
@@ -37,6 +37,7 @@ def withdraw(
         if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
             check_reason(protocol_file, root, reason)
             known.withdraw(participant, reason)
+        storage.facts_path(root, participant).unlink(missing_ok=True)
         if erase:
             _erase(root, known, participant)
         else:

@@ -496,6 +496,7 @@ STARTED = (
     ("numerics", "takes"),
     ("new", "new.toml", "--id", "another", "--yes"),
     ("person", "study.toml", "--participant", "01", "--show", "--dataset", "study"),
+    ("facts", "study.toml", "--participant", "01", "--fact", "age=34", "--dataset", "study"),
     ("desk", "study"),
     ("answers", "review", "data", "--list"),
     ("tap", "fit", "take.wav"),

@@ -131,6 +131,12 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/doctor/triggers.py",
         *(f"experiment/apparatus/wires/{name}.py" for name in ("lsl", "triggers", "ttl")),
     ),
+    "asked": (
+        "experiment/dataset/phenotype.py",
+        "experiment/protocol/asked",
+        "experiment/session/answering/questionnaires.py",
+        "experiment/study/people/facts.py",
+    ),
     "tap fit": ("experiment/cli/tap.py", "experiment/recordings/tap_fit.py"),
     "imports": ("experiment/dataset/imports",),
     "identification": (

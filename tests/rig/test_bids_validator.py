@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 
 from palpate.analysis.analyse import analyse
+from palpate.experiment.dataset import build
 from palpate.experiment.dataset.bids import PhysioColumn, beh_path, write_physio
 from palpate.experiment.dataset.outside import sharing
 from palpate.experiment.study import enrolment
+from palpate.experiment.study.people import facts
 from tests.analysis.datasets import balanced, trial, write_dataset
 from tests.experiment.dataset.studies import make_study
+from tests.experiment.protocol.asking import FORMS, PEOPLE, SHARING, asking
 
 UNFILLED = {"JSON_KEY_RECOMMENDED", "SIDECAR_KEY_RECOMMENDED", "TOO_FEW_AUTHORS"}
 """Warnings about recommended keys: ontology terms and institutions, which a reconstruction or a rehearsal lacks."""
@@ -101,8 +104,9 @@ OF_SESSIONS = {
 def test_a_study_and_its_shared_copy_leave_no_warning_once_a_laboratory_filled_its_keys(
     validator: str, tmp_path: Path
 ) -> None:
-    table = '[sharing]\nstatement = "May your trials be shared?"\nsmallest_group = 1\n\n[duration]'
-    study = make_study(tmp_path / "study", further={"format = 4": "format = 7", "[duration]": table})
+    study = make_study(tmp_path / "study", further=asking(SHARING + 'questionnaires = ["before"]\n', PEOPLE, FORMS))
+    facts.record(study.file, "01", {"age": "34", "sex": "female", "sport": "swimming"}, root=study.root)
+    build.build(study.root)
     path = study.root / "dataset_description.json"
     path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), **FILLED}), "utf-8")
     (study.root / "events.json").write_text(json.dumps(OF_SESSIONS), "utf-8")

@@ -23,7 +23,7 @@ import tomlkit
 from palpate.experiment import storage
 from palpate.experiment.apparatus.tracker import landing
 from palpate.experiment.clock import day, wall_ns
-from palpate.experiment.dataset import bids, build, checks, tables
+from palpate.experiment.dataset import bids, build, checks, phenotype, tables
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.dataset.imports.reconstruction import new_dataset
 from palpate.experiment.dataset.outside import accidents, shared
@@ -32,6 +32,7 @@ from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import entries, journal, software
 from palpate.experiment.study.lines import sharing_sha256
+from palpate.experiment.study.people import facts
 from palpate.experiment.study.roster import Roster
 
 OWN = ("participant_id", "first_task", "withdrawn", "origin")
@@ -57,7 +58,7 @@ FACTS = ("Format", "Study", "Origin", "Label", "Tasks", "Ordered", "Versions")
 INHERITED = ("InstitutionName", "InstitutionAddress", "InstitutionalDepartmentName", "CogAtlasID", "CogPOID")
 """Keys of an `events.json` at the top that hold for every session (BIDS 1.11, the inheritance principle)."""
 
-ALIKE = "alike in first task and version of the protocol"
+ALIKE = "alike in first task, shared facts and version of the protocol"
 
 OF_TRACES = ("SamplingFrequency", "StartTime", "Columns", "PhysioType", "TaskName", "Description")
 
@@ -113,6 +114,7 @@ def share(root: Path, out: Path) -> Copy:
     description = json.loads(study[shared.DESCRIPTION])
     _check_licence(root, description)
     rows, described = _rows(study["participants.tsv"]), json.loads(study["participants.json"])
+    rows, described = _shared_facts(dataset, rows, described)
     chosen, absent = _chosen(dataset, [row["participant_id"].removeprefix("sub-") for row in rows])
     own = [row for row in rows if row["participant_id"].removeprefix("sub-") in chosen]
     smallest = _smallest(own, description["Palpate"].get("Versions", ()))
@@ -128,6 +130,7 @@ def share(root: Path, out: Path) -> Copy:
                 **_people(part, own, described, labels),
                 **_description(part, description, labels, copy),
                 **_inherited(root, part),
+                **phenotype.shared(part, dataset, labels, build.ORIGINS[dataset.purpose]),
                 **_protocols(part, dataset, licensed=licensed),
             }
         )
@@ -162,15 +165,32 @@ def _level_times(part: Path) -> None:
         os.utime(path, ns=(now_ns, now_ns))
 
 
+def _shared_facts(
+    dataset: Dataset, rows: Sequence[Mapping[str, str]], described: Mapping[str, Any]
+) -> tuple[list[dict[str, str]], dict[str, Any]]:
+    """Return rows of participants.tsv, and its sidecar, with no more of who somebody is than the protocol shares."""
+    kept = [{name: row[name] for name in OWN} for row in rows]
+    texts = {name: described[name] for name in OWN}
+    sharing = dataset.protocol.sharing
+    if sharing is not None and sharing.facts:
+        known = facts.columns((dataset.protocol,))
+        for fact in (known[name] for name in sharing.facts):
+            column = facts.shared_column(fact)
+            texts[column] = facts.shared_text(fact)
+            for own, row in zip(kept, rows, strict=True):
+                own[column] = facts.shared_cell(fact, row[fact.id])
+    return kept, texts
+
+
 def _people(
     part: Path, rows: Sequence[Mapping[str, str]], described: Mapping[str, Any], labels: Mapping[str, str]
 ) -> bids.Files:
     """Return participants.tsv under the new labels, in their order, and its sidecar."""
     renamed = [{**row, "participant_id": f"sub-{labels[row['participant_id'].removeprefix('sub-')]}"} for row in rows]
     renamed.sort(key=lambda row: row["participant_id"])
-    said = {"Description": "Participants who agreed to sharing.", **{name: described[name] for name in OWN}}
+    said = {"Description": "Participants who agreed to sharing.", **described}
     return {
-        part / "participants.tsv": bids.table(OWN, [{name: row[name] for name in OWN} for row in renamed]),
+        part / "participants.tsv": bids.table(tuple(described), renamed),
         part / "participants.json": storage.json_bytes(said),
     }
 
@@ -213,12 +233,13 @@ def _absent(roster: Roster, terms: str, label: str, listed: Sequence[str]) -> st
 
 
 def _smallest(rows: Sequence[Mapping[str, str]], versions: Sequence[Mapping[str, Any]]) -> int:
-    """Return how many participants at least have the same first task, and the same versions of the protocol."""
+    """Return how many participants at least have the same first task, facts and versions of the protocol."""
     began = Counter[tuple[str, ...]]()
     for row in rows:
         own = f"{row['participant_id']}_"
         under = [of["Protocol"] for of in versions if any(one.startswith(own) for one in of["Sessions"])]
-        began[row["first_task"], *under] += 1
+        told = (cell for name, cell in row.items() if name not in OWN)
+        began[row["first_task"], *told, *under] += 1
     return min(began.values())
 
 

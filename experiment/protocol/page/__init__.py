@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.experiment.errors import Finding, mismatch
-from palpate.experiment.protocol import approval, rendering
+from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import Seal, sealing
 from palpate.experiment.protocol.blocks import (
     Block,
@@ -26,6 +26,7 @@ from palpate.experiment.protocol.blocks import (
     number,
 )
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
+from palpate.experiment.protocol.page import rendering
 from palpate.experiment.protocol.page.words import design_words, kind_words
 from palpate.experiment.settings.load import written
 
@@ -204,6 +205,8 @@ def _recorded(protocol: Protocol) -> Iterator[Block]:
         "keys that were pressed too early, and every pause and "
         "repetition with its reason. The experimenter can add notes, which are kept with the trial."
     )
+    if getattr(protocol, "asked", None):
+        yield from import_module("palpate.experiment.protocol.asked.words").recorded(protocol)
     yield from _voices(protocol)
     yield from _sharing(protocol)
     if protocol.consent.kept_months is None:
@@ -247,12 +250,15 @@ def _sharing(protocol: Protocol) -> Iterator[Block]:
         "all the same, and an agreement can be taken back until the data are shared. Participants are told:"
     )
     yield Quoted(sharing.statement)
+    told = "".join(f", {named(one)}" for one in sharing.facts)
     yield Said(
         "Shared are the tables of trials and the traces of movement, with times from the beginning of each session. Of "
-        "a person no more is shared than which task came first and which version of this protocol held: in these, "
-        f"every participant is like {count(sharing.smallest_group - 1, 'other')} or more. Voices, days of sessions, "
-        "notes, typed reasons and other free text are not shared."
+        f"a person no more is shared than which task came first{told} and which version of this protocol held: in "
+        f"these, every participant is like {count(sharing.smallest_group - 1, 'other')} or more. Voices, days of "
+        "sessions, notes, typed reasons and other free text are not shared."
     )
+    if sharing.questionnaires:
+        yield Said(f"Shared of questionnaires is all but texts: {', '.join(map(named, sharing.questionnaires))}.")
     kept = "is kept in the laboratory" if sharing.keep_labels else "is not kept"
     yield Said(f"Labels are drawn anew, and which label a participant gets {kept}.")
 

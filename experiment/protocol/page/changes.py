@@ -6,9 +6,9 @@ from pathlib import Path
 from textwrap import wrap
 
 from palpate.experiment import storage
-from palpate.experiment.protocol import approval, rendering
+from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.protocol.page import NOTHING_RUNS
+from palpate.experiment.protocol.page import NOTHING_RUNS, rendering
 from palpate.experiment.settings.characters import plain
 from palpate.experiment.settings.load import written
 

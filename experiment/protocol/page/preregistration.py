@@ -10,11 +10,11 @@ from typing import Any
 
 from palpate.experiment import storage
 from palpate.experiment.errors import ProtocolError
-from palpate.experiment.protocol import approval, rendering
+from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.blocks import Block, Free, Item, Quoted, Said, count, facts, named, number
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.protocol.page import sections
+from palpate.experiment.protocol.page import rendering, sections
 from palpate.experiment.protocol.page.words import design_words
 
 OPEN = sealing.UNFILLED

@@ -24,6 +24,7 @@ from palpate.experiment.protocol.page import approved as approval_lines
 from palpate.experiment.protocol.page import page as page_of
 from palpate.experiment.settings.characters import JOINERS, deceptive, hidden, leftward
 from tests.experiment.protocol import leveled, tapping
+from tests.experiment.protocol.asking import asked
 from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol, with_text
 
 
@@ -132,6 +133,22 @@ CASES += [
     for path, kind, value in fields(study)
     for other in others(kind, value)
     if "levels" in path
+]
+
+
+ASKED = ProtocolFile.model_validate(
+    changed(
+        changed(PLANNED, ("asked",), asked("one")),
+        ("sharing",),
+        {**SHARING, "facts": ("age",), "questionnaires": ("before",)},
+    )
+)
+
+CASES += [
+    (ASKED, path, value, other)
+    for path, kind, value in fields(ASKED)
+    for other in others(kind, value)
+    if path[0] in ("asked", "sharing")
 ]
 
 

@@ -1,0 +1,144 @@
+"""Questionnaires before and after a task: each answer on disk, asked once though killed, and a table for others."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import deque
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from palpate.experiment import storage
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset import build, checks
+from palpate.experiment.dataset.outside import sharing
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.desk.questions import Reply, Report
+from palpate.experiment.errors import PauseAsked
+from palpate.experiment.records import journal, transcript
+from palpate.experiment.records.entries import Answer, Footer, Phase, Questioned
+from palpate.experiment.study import enrolment, withdrawal
+from tests.experiment.dataset.outside.test_sharing import licensed
+from tests.experiment.dataset.studies import MadeStudy, framed, make_study
+from tests.experiment.protocol.asking import FORMS, SHARING, asking
+from tests.experiment.session.bench import Bench
+from tests.experiment.session.scripted import (
+    START_NS,
+    ScriptedActuator,
+    ScriptedConsole,
+    ScriptedTracker,
+    step_samples,
+)
+
+ALLOWED = SHARING.replace('facts = ["age", "sex"]', 'questionnaires = ["before", "afterwards"]')
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("questionnaires") / "study"
+    return make_study(place, sessions=0, enrolled=3, further=asking(ALLOWED, FORMS)).file.parent
+
+
+@pytest.fixture
+def study(begun: Path, tmp_path: Path) -> MadeStudy:
+    folder = shutil.copytree(begun, tmp_path / "study")
+    return MadeStudy(folder / "study.toml", folder / "dataset")
+
+
+def run(study: MadeStudy, typed: Iterable[str], keys: str = "capt", participant: str = "01") -> list[str]:
+    """Run a task with questionnaires, or the rest of it; return what is left of what is typed; `|` pauses there."""
+    left, clock = deque(typed), ManualClock(START_NS)
+
+    def write() -> Reply:
+        if (text := left.popleft() if left else "") == "|":
+            raise PauseAsked("by the experimenter")
+        return Reply(text=text)
+
+    console = ScriptedConsole(clock, keys)
+    console.instead[Report] = write
+    steps = [framed(step_samples(600_000 * n, 100.0 * n)) for n in range(1, len(keys) + 1)]
+    devices = ScriptedTracker(steps, clock=clock), console, ScriptedActuator()
+    Bench(*devices, clock, []).run(study.protocol, study.header(participant, "virtual"), study.root)
+    return [*left]
+
+
+def answers(study: MadeStudy, participant: str = "01") -> dict[str, object]:
+    entries = journal.read(storage.journal_path(study.root, participant, "virtual")).entries
+    return {one.step: one.answer for one in entries if isinstance(one, Questioned)}
+
+
+def test_items_are_asked_in_order_before_and_after_until_the_answer_is_allowed(study: MadeStudy) -> None:
+    assert run(study, ["8", "tired", "3", "sandals", "-1", "12,5", "like sand"]) == []
+    assert answers(study) == {
+        "before.tired": 3,
+        "before.shoes": "sandals",
+        "afterwards.minutes": 12.5,
+        "afterwards.words": "like sand",
+    }
+    path = storage.journal_path(study.root, "01", "virtual")
+    kinds = [type(entry) for entry in journal.read(path).entries]
+    places = [place for place, kind in enumerate(kinds) if kind is Questioned]
+    assert places[1] < kinds.index(Phase)
+    assert len(kinds) - 1 - kinds[::-1].index(Answer) < places[2]
+    assert transcript.text(journal.read(path), None).count("afterwards.words") == 1
+
+
+@pytest.mark.parametrize("at", [0, 1, 2, 3])
+def test_a_pause_at_any_item_asks_that_one_again_and_none_twice(study: MadeStudy, at: int) -> None:
+    typed = ["3", "2", "10", "fine"]
+    run(study, [*typed[:at], "|"])
+    assert len(answers(study)) == at
+    assert run(study, typed[at:], keys="capt" if at < 2 else "") == []
+    assert list(answers(study).values()) == [3, "sandals", 10, "fine"]
+    last = journal.read(storage.journal_path(study.root, "01", "virtual")).entries[-1]
+    assert isinstance(last, Footer)
+    assert last.reason == "complete"
+
+
+def test_the_table_has_units_and_levels_and_is_remade_as_the_journals_say(study: MadeStudy) -> None:
+    run(study, ["3", "", "10", ""])
+    build.build(study.root)
+    folder = study.root / "phenotype"
+    assert checks.table_rows(folder / "before.tsv")[:-1] == [
+        {"participant_id": "sub-01", "tired": "3", "shoes": "n/a"},
+    ]
+    described = json.loads((folder / "afterwards.json").read_text("utf-8"))
+    assert described["minutes"]["Units"] == "min"
+    assert verify(study.root).refused == 0
+    table = folder / "before.tsv"
+    table.write_bytes(table.read_bytes().replace(b"\t3\t", b"\t4\t"))
+    assert verify(study.root).refused == 1
+    table.unlink()
+    assert verify(study.root).refused == 1
+
+
+def test_erasure_leaves_no_answer(study: MadeStudy) -> None:
+    run(study, ["3", "shoes", "10", "bog snorkelling"])
+    build.build(study.root)
+    withdrawal.withdraw(study.file, "01", "asked to stop", root=study.root, rebuild=build.build, erase=True)
+    left = [path for path in study.root.rglob("*") if path.is_file() and b"snorkelling" in path.read_bytes()]
+    assert left == []
+    assert verify(study.root).refused == 0
+
+
+def test_a_copy_for_others_has_the_tables_without_texts(study: MadeStudy, tmp_path: Path) -> None:
+    run(study, ["3", "shoes", "10", "bog snorkelling"])
+    run(study, ["5", "3", "11", ""], participant="03")
+    build.build(study.root)
+    licensed(study)
+    for label in ("01", "03"):
+        enrolment.sharing(study.file, label, True, root=study.root)
+    out = sharing.share(study.root, tmp_path / "copy").root
+    rows = checks.table_rows(out / "phenotype" / "afterwards.tsv")[:-1]
+    assert sorted(row.pop("minutes") for row in rows) == ["10", "11"]
+    assert [set(row) for row in rows] == [{"participant_id"}] * 2
+    assert {row["participant_id"] for row in rows} == {path.name for path in out.glob("sub-*")}
+    assert not any(b"snorkelling" in path.read_bytes() for path in out.rglob("*") if path.is_file())
+    assert verify(out).refused == 0
+
+
+def test_a_session_without_questionnaires_writes_none(tmp_path: Path) -> None:
+    plain = make_study(tmp_path / "plain", sessions=1)
+    assert not (plain.root / "phenotype").exists()
