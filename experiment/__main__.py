@@ -48,10 +48,12 @@ def main() -> None:
         # The system frees what is left at once; searching it for garbage takes a tenth of a second.
         atexit.register(gc.freeze)
         if sys.stdout is not None and sys.argv[1:] in ([], ["-h"], ["--help"]):
-            from palpate.experiment.cli import overview
+            from palpate.experiment.cli import opens_desk, overview
 
-            sys.stdout.write(overview())
-            return
+            if sys.argv[1:] or not opens_desk():
+                sys.stdout.write(overview())
+                return
+            sys.argv.append("desk")
         from palpate.experiment.cli.app import main as command
 
         command()

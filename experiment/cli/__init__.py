@@ -37,7 +37,7 @@ COMMANDS = {
         "person": ("laboratory", "Ask for a participant's name, and store it outside of every dataset."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
         "run": ("session", "Run a participant's visit, or the rest of one."),
-        "desk": ("desk", "Open the desk of a study, from which sessions are begun."),
+        "desk": ("desk", "Do everything for a study from one screen."),
         "screen": ("desk", "Open the participant's screen of a session."),
         "status": ("analysis", "Say how far a study is, and what is to be done next."),
         "journal": ("laboratory", "Verify a journal and print it as text."),
@@ -58,6 +58,23 @@ COMMANDS = {
     },
 }
 """For each command, in the order of a study: its module in this folder, and the first sentence of its help."""
+
+
+def files_with(table: str) -> list[str]:
+    """Return the TOML files of this folder with a table of this name: `study` in a protocol, `rig` in a rig file."""
+    heads = (f"[{table}]", f"{table}.", f"{table} =")
+    found = []
+    for name in sorted(os.listdir()):  # noqa: PTH208
+        if name.endswith(".toml") and os.path.isfile(name):  # noqa: PTH113
+            with open(name, encoding="utf-8", errors="replace") as file:  # noqa: PTH123
+                found += [name] if any(line.startswith(heads) for line in file) else []
+    return found
+
+
+def opens_desk() -> bool:
+    """Return whether `palpate` alone opens the desk: at a terminal, in a folder with a protocol."""
+    streams = (sys.stdin, sys.stdout, sys.stderr)
+    return all(stream is not None and stream.isatty() for stream in streams) and bool(files_with("study"))
 
 
 def tell(line: str) -> None:
@@ -89,6 +106,8 @@ def overview() -> str:
         "Options:",
         "  --version   Print the version.",
         "  -h, --help  Show this message, or the options of the command that it follows.",
+        "",
+        "Without a command, in a folder with a protocol: the desk, which does everything for a study.",
     ]
     for heading, part in COMMANDS.items():
         lines += ["", f"{heading}:", *(f"  {name:13}  {purpose}" for name, (_, purpose) in part.items())]

@@ -88,9 +88,11 @@ def enrol(
 
     What the protocol asks of participants ([[asked.people]]) is given with --fact, or asked at a terminal.
     """
+    from palpate.experiment.protocol import files
     from palpate.experiment.protocol.approval import sealing
     from palpate.experiment.study import enrolment, privacy
 
+    sealing.refuse_unfilled(protocol_file, files.load(protocol_file))
     _check_roster(protocol_file, dataset, pilot=pilot)
     given = _ask_facts(protocol_file, fact or [])
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)

@@ -77,7 +77,7 @@ def new(
             allowed="--id and --title",
         )
     file = protocol_file and writing.free(protocol_file)
-    rig = rig and _free_for_a_rig(rig)
+    rig = rig and free_for_a_rig(rig)
 
     def named(typed: str) -> str:
         writing.checked(writing.NewStudy(id=typed))
@@ -98,12 +98,12 @@ def new(
     file = file or writing.free(Path(study_id))
     if rig is None:
         asks = "A rig file to begin from, too: its name, or Enter for none"
-        rig = _answered(asks, "", None, ask, lambda typed: _free_for_a_rig(Path(typed)) if typed else None)
+        rig = _answered(asks, "", None, ask, lambda typed: free_for_a_rig(Path(typed)) if typed else None)
     if rig and rig.resolve() == file.resolve():
         raise PalpateError(
             f"got {quoted(str(file))} for protocol and rig", remedy="name another", allowed="a file for each"
         )
-    made = {file: text} | ({rig: _a_rig(rig)} if rig else {})
+    made = {file: text} | ({rig: a_rig(rig)} if rig else {})
     for path, content in made.items():
         storage.write(path, content.encode())
     typer.echo(f"Protocol: {file}")
@@ -182,7 +182,7 @@ def _typed(prompt: str) -> str:
         ) from None
 
 
-def _free_for_a_rig(rig: Path) -> Path:
+def free_for_a_rig(rig: Path) -> Path:
     """Return where a new rig file goes. Raises `PalpateError` as `new.free`, and if its name is none for a rig."""
     import tomllib
 
@@ -191,11 +191,11 @@ def _free_for_a_rig(rig: Path) -> Path:
     from palpate.experiment.settings import load
 
     path = writing.free(rig)
-    load.checked(path, Rig, tomllib.loads(_a_rig(path)))
+    load.checked(path, Rig, tomllib.loads(a_rig(path)))
     return path
 
 
-def _a_rig(rig: Path) -> str:
+def a_rig(rig: Path) -> str:
     """Return the text of a new rig file: the shipped one, under the name of its file."""
     from palpate.experiment.protocol.files import shipped
     from palpate.experiment.settings import load

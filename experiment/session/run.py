@@ -80,6 +80,42 @@ def run(
     complete, `root` None for `participants/STUDY`, and `recordings` None for those in the dataset. Returns the footer
     of the last session begun. Raises `PalpateError`, for what files can show before a person is asked anything.
     """
+    begun = prepare(protocol_file, rig_file, participant, task_id, root, recordings, console)
+    root, protocol = begun.root, begun.protocol
+    visit.ask_first(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
+    visit.ask_first(console, lambda: _ask_criteria(root, protocol, participant, console))
+    visit.ask_first(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
+    tasks, today = begun.asked_for, day(begun.clock.now_ns())
+    enrolled = admit(root, protocol_file, protocol, begun.allocation, tasks[0], str(rig_file), today).roster
+    # The seal of the first session stays in the dataset, and shows under which approval it was begun.
+    approvals.keep_first(root, protocol_file)
+    begun.consent_on = enrolled.consent_on.get(participant)
+    return visit.walk(console=console, tasks=tasks, run=begun.session, noting=begun.noting)
+
+
+def usable_rig(protocol: Protocol, protocol_file: Path, rig_file: Path, today: date) -> Rig:
+    """Return a rig that may be used for participants of a study today. Raises `RigError`, or `PalpateError` for it."""
+    rig = rigs.load(rig_file)
+    if rig.rig.simulated:
+        rehearse = Remedy("name a rig file of real devices, or use {}", ("palpate", "rehearse", str(protocol_file)))
+        raise RigError(rig_file, "the rig is simulated", rehearse)
+    if protocol.answers.mode != "oral":
+        import_module("palpate.experiment.session.answering").check(protocol, rig)
+    for one in protocol.tasks:
+        session_kind(one).check_rig(protocol, rig, today)
+    return rig
+
+
+def prepare(
+    protocol_file: Path,
+    rig_file: Path,
+    participant: str,
+    task_id: str | None,
+    root: Path | None,
+    recordings: Path | None,
+    console: Console,
+) -> "_Visit":
+    """Return a visit that nothing on disk prevents, without opening or asking anything; arguments and errors: `run`."""
     clock = MonotonicClock()
     protocol = files.load(protocol_file)
     today = day(clock.now_ns())
@@ -94,16 +130,10 @@ def run(
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or enrolment.default_root(protocol)
     checks.check_roster(root)
-    rig = rigs.load(rig_file)
+    rig = usable_rig(protocol, protocol_file, rig_file, today)
     anchored_in = _anchored_in(rig, rig_file)
-    if rig.rig.simulated:
-        rehearse = Remedy("name a rig file of real devices, or use {}", ("palpate", "rehearse", str(protocol_file)))
-        raise RigError(rig_file, "the rig is simulated", rehearse)
-    if protocol.answers.mode != "oral":
-        import_module("palpate.experiment.session.answering").check(protocol, rig)
-    for one in protocol.tasks:
-        session_kind(one).check_rig(protocol, rig, today)
-    if not _is_asked_first(root, protocol, participant):
+    asked_first = _is_asked_first(root, protocol, participant)
+    if not asked_first:
         _check_roster(root, protocol_file, protocol, participant, today)
     seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
     purpose = enrolment.purpose_of(root)
@@ -117,19 +147,13 @@ def run(
     left = tuple(task for task in allocation.tasks if not _is_over(root, protocol_file, allocation, task, today))
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, protocol_file, allocation, tasks[0], today)
-    if not _is_asked_first(root, protocol, participant):
+    if not asked_first:
         admit(root, protocol_file, protocol, allocation, tasks[0], str(rig_file), today)
     synthesised = [task for task in tasks if scene.plan(protocol=protocol, task_id=task).synthesis]
     for kind in {session_kind(protocol.task(task)): None for task in synthesised}:
         recordings = kind.real_recordings(root, recordings, protocol)
     _judge_rig(protocol, rig, rig_file, recordings, tasks, console)
-    visit.ask_first(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
-    visit.ask_first(console, lambda: _ask_criteria(root, protocol, participant, console))
-    visit.ask_first(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
-    enrolled = admit(root, protocol_file, protocol, allocation, tasks[0], str(rig_file), today).roster
-    # The seal of the first session stays in the dataset, and shows under which approval it was begun.
-    approvals.keep_first(root, protocol_file)
-    begun = _Visit(
+    return _Visit(
         protocol_file=protocol_file,
         protocol=protocol,
         rig_file=rig_file,
@@ -141,11 +165,9 @@ def run(
         seed=seed,
         purpose=purpose,
         anchored_in=anchored_in,
-        consent_on=enrolled.consent_on.get(participant),
         console=console,
         clock=clock,
     )
-    return visit.walk(console=console, tasks=tasks, run=begun.session, noting=begun.noting)
 
 
 @dataclass(kw_only=True)
@@ -163,9 +185,9 @@ class _Visit:
     seed: int
     purpose: Purpose
     anchored_in: tuple[Path, Path | None] | None
-    consent_on: date | None
     console: Console
     clock: Clock
+    consent_on: date | None = None
     _identity: Visited | None = field(default=None, init=False)
 
     def session(self, task_id: str) -> Footer:

@@ -70,6 +70,8 @@ def enrol(
     refuse_rehearsal(root)
     if approval.seal_path(protocol_file).exists():
         approval.dataset_seal(protocol_file, protocol)
+    if storage.protocol_path(root).exists():
+        follow(root, protocol_file, protocol)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
     known = Roster.continued(path)
@@ -80,7 +82,7 @@ def enrol(
         raise DatasetError(root, "has participants and no roster", f"restore {path} and its head from a backup")
     known.check_next(participant)
     settle(root, protocol_file, protocol, seed, purpose)
-    _check_current(root, protocol, known, ("palpate", "enrol", "--participant", participant))
+    check_current(root, protocol, known, ("palpate", "enrol", "--participant", participant))
     approvals.keep_first(root, protocol_file)
     settled = _read_settled(root)
     all_approvals = known.approvals(approvals.read_first(root))
@@ -168,7 +170,7 @@ def check_version(root: Path, protocol: Protocol, wanted: Approved, command: tup
         )
 
 
-def _check_current(root: Path, protocol: Protocol, known: Roster, command: tuple[str, ...]) -> None:
+def check_current(root: Path, protocol: Protocol, known: Roster, command: tuple[str, ...]) -> None:
     """Refuse to enrol under a superseded version, or while the approval is suspended or ended."""
     if not known.approved and not known.stopped:
         return
@@ -191,6 +193,8 @@ def consent(
     root = study_begun(protocol_file, root)
     path = storage.roster_path(root)
     known = Roster.continued(path)
+    if storage.protocol_path(root).exists() and not known.approved:
+        follow(root, protocol_file, files.load(protocol_file))
     number, since = 1, approved_on(root, protocol_file)
     if known.approved:
         all_approvals = known.approvals(approvals.read_first(root))
@@ -296,8 +300,8 @@ def settle(
             storage.write_json(storage.seed_path(root), settled_as | {"salt": secrets.token_hex(16)})
             storage.owners_alone(storage.seed_path(root))
             files.keep(protocol_file, kept)
-        elif not _is_version(root, protocol):
-            raise _other_version(root, protocol_file)
+        else:
+            follow(root, protocol_file, protocol)
     settled = seed_of(root)
     if purpose not in (None, begun_as := purpose_of(root)):
         what = f"this dataset was begun as a {begun_as}, not as a {purpose}"
@@ -305,6 +309,18 @@ def settle(
     if seed not in (None, settled):
         raise DatasetError(root, f"the study has another seed than {seed}", "leave out --seed")
     return settled
+
+
+def follow(root: Path, protocol_file: Path, protocol: Protocol) -> None:
+    """Have a dataset follow its changed protocol until a consent or a session. Raises `DatasetError` after that."""
+    if _is_version(root, protocol):
+        return
+    kept, known = storage.protocol_path(root), Roster.load(storage.roster_path(root))
+    same = files.load(kept).study.id == protocol.study.id and {*known.consent_on} <= {*labels(protocol)}
+    if not same or approvals.has_begun(root) or any(known.consent_on.values()):
+        raise _other_version(root, protocol_file)
+    approval.seal_path(kept).unlink(missing_ok=True)
+    files.keep(protocol_file, kept)
 
 
 def _other_version(root: Path, protocol_file: Path) -> DatasetError:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.errors import Finding, PalpateError, Remedy, mismatch
-from palpate.experiment.protocol import files
 from palpate.experiment.protocol.approval import (
     FORMAT,
     Seal,
@@ -35,6 +34,17 @@ def unfilled(protocol: Protocol) -> tuple[str, ...]:
     return tuple(written(path) for path, value in texts if isinstance(value, str) and value.startswith(UNFILLED))
 
 
+def unfilled_findings(protocol_path: Path, protocol: Protocol) -> list[Finding]:
+    """Return a finding for each field that is still to be filled in."""
+    got, write_it = f"'{UNFILLED}'", _page_of(protocol_path, "write it, then have the board read the page")
+    return [mismatch(name, None, got, "a text of your own", write_it) for name in unfilled(protocol)]
+
+
+def refuse_unfilled(protocol_path: Path, protocol: Protocol) -> None:
+    """Raise `ProtocolError` while a field is still to be filled in: nobody can approve that, or consent to it."""
+    refuse(protocol_path, unfilled_findings(protocol_path, protocol))
+
+
 def write(
     protocol_path: Path,
     protocol: Protocol,
@@ -55,8 +65,7 @@ def write(
     path = seal_path(protocol_path)
     if page_sha256 is not None:
         refuse(protocol_path, _of_another_page(protocol_path, protocol, page_sha256))
-    got, write_it = f"'{UNFILLED}'", _page_of(protocol_path, "write it, then have the board read the page")
-    refuse(protocol_path, [mismatch(name, None, got, "a text of your own", write_it) for name in unfilled(protocol)])
+    refuse_unfilled(protocol_path, protocol)
     stated = {
         "format": FORMAT,
         "protocol_sha256": sha256(protocol),
@@ -81,10 +90,9 @@ def unsealed(protocol_file: Path) -> str:
     """Return what to tell of a protocol under which somebody was enrolled before it was sealed; nothing otherwise."""
     if seal_path(protocol_file).exists():
         return ""
-    texts = f"Texts of it still say {UNFILLED}. " if unfilled(files.load(protocol_file)) else ""
     return (
-        f"the protocol is not sealed. {texts}No session begins before it is, and this dataset keeps to the version "
-        "that it was begun with: after a change, name another folder (--dataset)"
+        "the protocol is not sealed. No session begins before it is. The dataset follows changes of the protocol until "
+        "somebody consents"
     )
 
 

@@ -603,7 +603,7 @@ class TestALaboratorysStudy:
         new = protocol.with_name("new.toml")
         assert palpate("new", new, "--id", "fresh", "--yes")[0] == 0
         code, _, unfilled = palpate("enrol", new, "-p", "01", "--dataset", protocol.with_name("fresh"))
-        assert code == 0
+        assert (code, protocol.with_name("fresh").exists()) == (2, False)
         assert [anywhere(err, protocol.parent) for err in (sealed, unfilled)] == approved
 
     def test_who_enrols_under_a_sealed_protocol_is_told_nothing(self, palpate: Palpate, protocol: Path) -> None:

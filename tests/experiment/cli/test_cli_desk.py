@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, BinaryIO
 
 import pytest
-from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.cli import desk, options, session
@@ -158,31 +156,6 @@ def test_what_was_practised_stands_for_a_study_that_nobody_is_enrolled_in(
         with pytest.raises(DatasetError, match="read no further"):
             status_of(file)
     assert asked == [file, practised, file]
-
-
-def test_no_session_of_a_study_is_begun_from_a_desk_that_shows_practice(
-    monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
-) -> None:
-    shown: list[str] = []
-
-    class Page:
-        def __init__(self, _: object, *, refuses: str) -> None:
-            shown.append(refuses)
-
-        def run(self) -> None:
-            return None
-
-    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("palpate.experiment.desk.console.study.StudyPage", Page)
-    for purpose in ("STUDY", "PRACTICE"):
-        monkeypatch.setattr(
-            "palpate.experiment.cli.analysis.status_of", lambda _, p=purpose: SimpleNamespace(purpose=p)
-        )
-        desk.desk(shipped("okamoto2012.toml"), rig=Path("rig.toml"))
-    assert shown[0] == ""
-    assert shown[1] == approved
 
 
 @pytest.mark.parametrize("command", [("run", "okamoto2012", "--practice"), ("desk", "okamoto2012")])

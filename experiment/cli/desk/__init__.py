@@ -4,6 +4,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -18,40 +19,40 @@ commands = options.room()
 
 @commands.command(epilog="Example: palpate desk study.toml --rig our-rig.toml")
 def desk(
-    study: options.StudyPlace,
+    study: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[STUDY]", help="Protocol file, or folder of a study's dataset [default: the study of this folder]."
+        ),
+    ] = None,
     rig: Annotated[
-        Path | None, typer.Option("--rig", help="Rig file of this laboratory, for the sessions that are begun here.")
+        Path | None, typer.Option("--rig", help="Rig file of this laboratory [default: the one of this folder].")
     ] = None,
     dataset: StudyFolder = None,
     by: AtConsole = "console",
+    lines: Annotated[bool, typer.Option("--lines", help="Run its sessions on lines of text.")] = False,
 ) -> None:
-    """Open the desk of a study, from which sessions are begun.
+    """Do everything for a study from one screen.
 
-    It shows who is done, under way and due, what comes next, and what is to be done. With the study's protocol file
-    and --rig, Enter begins or resumes the session of the participant who is chosen, and the desk comes back after it.
-    Without them the page only shows. What is concealed stays so.
+    It lists what can be done: write, check and seal a protocol; choose and check a rig; enrol, consent, practise,
+    begin, resume and withdraw; analyse, verify and share. What cannot be done now is grey, with the reason and the way
+    to it. Enter runs the command that is chosen, and the desk comes back after it. What is concealed stays so.
+    `palpate` alone opens the desk in a folder with a protocol.
     """
-    from palpate.experiment.cli.analysis import status_of
-    from palpate.experiment.desk.console.study import StudyPage
-
-    place = dataset or study
-    status = ("palpate", "status", str(place))
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise LinkError("the desk needs a terminal", remedy=Remedy("{} prints the same as lines of text", status))
-    options.check_terminal(Remedy("leave the redirection out, or print the same as lines of text", status))
-    refuses = (
-        "To begin sessions here, open the desk with the study's protocol file and --rig."
-        if rig is None or not study.is_file()
-        else ""
-    )
-    if status_of(place).purpose == "PRACTICE":
-        refuses = "This is PRACTICE, and no study yet. palpate run PROTOCOL --practice goes on with it."
-    while (label := StudyPage(lambda: status_of(place), refuses=refuses).run()) is not None:
-        run = ["run", str(study), "--participant", label, "--rig", str(rig), "--by", by]
-        run += ["--dataset", str(dataset)] if dataset else []
-        ended = subprocess.run(options.palpate_command(*run), check=False)  # noqa: S603
-        if ended.returncode:
-            typer.prompt("Enter goes back to the study", default="", show_default=False, prompt_suffix=". ")
+        status = ("palpate", "status", str(dataset or study or "STUDY"))
+        raise LinkError("the desk needs a terminal", remedy=Remedy("{} prints a study's progress as text", status))
+    options.check_terminal("leave the redirection out")
+    options.at_once("Opening the desk ...")
+    from palpate.experiment.cli.desk import home
+    from palpate.experiment.cli.desk.place import Place
+
+    if study is not None and study.is_dir():
+        home.show_status(study, refuses="To begin sessions here, open the desk with the study's protocol file.")
+        return
+    here = Place.here()
+    session = ("--by", by, *(("--lines",) if lines else ()))
+    home.stay(replace(here, protocol=study or here.protocol, rig=rig or here.rig, dataset=dataset, session=session))
 
 
 @commands.command(epilog="Example: palpate screen study.toml --participant 01 --rig our-rig.toml")

@@ -1,0 +1,253 @@
+"""What the desk offers at each point of a study, why it does not offer the rest, and what it does."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import Callable, Iterator
+from datetime import date, timedelta
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from palpate.experiment import __main__, storage
+from palpate.experiment.cli.desk import deeds, home
+from palpate.experiment.cli.desk.place import Place
+from palpate.experiment.desk.console.home import Chosen, HomePage, Scene
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.approval import sealing
+from palpate.experiment.protocol.new import NewStudy
+from palpate.experiment.protocol.new import text as new_protocol
+from palpate.experiment.records import journal
+from palpate.experiment.records.progress import progress
+from palpate.experiment.rehearsal.kinds.footstep import participant
+from palpate.experiment.study import enrolment, roster
+from tests.conftest import Palpate
+from tests.experiment.protocol.small import SMALL
+from tests.rig.laboratory import HURRIED, write_rig
+
+TODAY = date.today()
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("EDITOR", "an-editor")
+    return tmp_path
+
+
+@pytest.fixture
+def small(folder: Path) -> Path:
+    """A study whose tasks are of real objects, which needs no recordings."""
+    file = folder / "small.toml"
+    days = SMALL.replace("2020-02-01", str(TODAY - timedelta(30))).replace("2021-02-01", str(TODAY + timedelta(30)))
+    file.write_text(days.replace('stimulus = "virtual"', 'stimulus = "real"'), "utf-8")
+    return file.relative_to(folder)
+
+
+def seal(file: Path, *, replace: bool = False) -> None:
+    protocol = files.load(file)
+    sealing.write(
+        file,
+        protocol,
+        approval_number="7",
+        board=protocol.ethics.board,
+        approved_on=TODAY - timedelta(30),
+        expires_on=TODAY + timedelta(30),
+        replace=replace,
+    )
+
+
+def possible(scene: Scene) -> set[str]:
+    return {one.name for one in scene.deeds if not one.refuses}
+
+
+def first(scene: Scene) -> dict[str, str]:
+    return {one.name: one.first for one in scene.deeds if one.first}
+
+
+def test_in_an_empty_folder_a_protocol_comes_first() -> None:
+    scene = deeds.scene(Place.here())
+    assert possible(scene) == {"new"}
+    assert {*first(scene).values()} == {"new"}
+    assert scene.next == "new"
+
+
+def test_a_protocol_with_errors_is_edited_or_checked(folder: Path) -> None:
+    (folder / "broken.toml").write_text("[study]\nid = 3\n", "utf-8")
+    scene = deeds.scene(Place.here())
+    assert possible(scene) == {"new", "edit", "check"}
+    assert scene.next == "edit"
+    assert scene.deed("edit").command == ("an-editor", "broken.toml")
+    assert len(scene.deed("seal").refuses) > 1
+
+
+def test_a_new_protocol_is_practised_and_filled_in_before_anybody_is_enrolled(folder: Path, palpate: Palpate) -> None:
+    (folder / "mystudy.toml").write_text(new_protocol(NewStudy()), "utf-8")
+    scene = deeds.scene(Place.here())
+    assert possible(scene) == {"new", "edit", "check", "rig", "practise"}
+    assert {name: first(scene)[name] for name in ("seal", "enrol", "begin")} == dict.fromkeys(
+        ("seal", "enrol", "begin"), "edit"
+    )
+    assert len(scene.deed("begin").refuses) == 3
+    assert scene.next == "practise"
+    # The command refuses as well, and burns no dataset's name.
+    assert palpate("enrol", "mystudy.toml", "-p", "01")[0] == 2
+    assert [*folder.iterdir()] == [folder / "mystudy.toml"]
+
+
+def test_a_study_goes_from_its_seal_to_its_first_session(folder: Path, small: Path, palpate: Palpate) -> None:
+    seal(small)
+    scene = deeds.scene(Place.here())
+    assert scene.next == "practise"
+    assert {"enrol", "rig"} <= possible(scene)
+    assert scene.deed("seal").refuses
+    assert first(scene)["begin"] == "rig"
+    assert first(scene)["consent"] == "enrol"
+    write_rig(folder, "rehearsal", port='"/dev/none"', address='"127.0.0.1:7402"')
+    place = Place.here()
+    assert place.rig == Path("rig.toml")
+    scene = deeds.scene(place)
+    assert {"doctor"} <= possible(scene)
+    assert first(scene)["begin"] == "enrol"
+    _, *enrol = scene.deed("enrol").line(("01", str(TODAY)))
+    assert palpate(*enrol)[0] == 0
+    scene = deeds.scene(place)
+    assert {"begin", "withdraw", "status"} <= possible(scene)
+    assert scene.deed("enrol").fields[0].text == "02"
+    assert scene.deed("begin").line(("01",))[:6] == (
+        "palpate",
+        "run",
+        "small.toml",
+        "--rig",
+        "rig.toml",
+        "--participant",
+    )
+    # A rig that `palpate run` refuses is refused here.
+    assert "simulated" in deeds.scene(Place(small, files.shipped("rigs/rehearsal.toml"))).deed("begin").refuses[0].what
+    _, *withdraw = scene.deed("withdraw").line(("01", "asked to stop", "no"))
+    assert palpate(*withdraw)[0] == 0
+    assert first(deeds.scene(place))["begin"] == "enrol"
+
+
+def test_who_has_not_consented_is_asked_for(small: Path) -> None:
+    seal(small)
+    enrolment.enrol(small, "01", None, root=None, seed=1)
+    deed = deeds.scene(Place.here()).deed("consent")
+    assert [one.text for one in deed.fields] == ["01", str(TODAY)]
+
+
+def test_a_dataset_follows_its_protocol_until_somebody_consents(small: Path) -> None:
+    enrolment.enrol(small, "01", None, root=None, seed=1)
+    root = Path("participants/small")
+    small.write_text(small.read_text("utf-8").replace("A small study", "A smaller study"), "utf-8")
+    seal(small)
+    enrolment.enrol(small, "02", TODAY, root=None, seed=1)
+    assert files.load(storage.protocol_path(root)).study.title == "A smaller study"
+    assert approval.read(storage.protocol_path(root)).protocol_sha256 == approval.sha256(files.load(small))
+    assert [*roster.Roster.load(storage.roster_path(root)).consent_on] == ["01", "02"]
+    small.write_text(small.read_text("utf-8").replace("A smaller study", "Another study"), "utf-8")
+    seal(small, replace=True)
+    assert "another version" in deeds.scene(Place.here()).deed("enrol").refuses[0].what
+    assert files.load(storage.protocol_path(root)).study.title == "A smaller study"
+
+
+def test_practice_of_an_older_version_is_left_where_it_is(folder: Path, small: Path) -> None:
+    plan = storage.plan_path(folder / "participants" / "practice-small")
+    plan.parent.mkdir(parents=True)
+    plan.write_text('{"protocol_sha256": "of another version"}', "utf-8")
+    line = deeds.scene(Place.here()).deed("practise").line(("", "01"))
+    assert line == (
+        *("palpate", "run", "small.toml", "--practice", "--dataset", "participants/practice-small-2"),
+        *("--participant", "01"),
+    )
+
+
+def test_a_rig_is_chosen_or_written(folder: Path, small: Path) -> None:
+    place, said = home.carry_out(Place(small), Chosen("rig", ("rig", "our.toml", "takes")))
+    assert (place.rig, place.recordings, "Written" in said) == (Path("our.toml"), Path("takes"), True)
+    again, _ = home.carry_out(place, Chosen("rig", ("rig", "our.toml")))
+    assert (again.rig, again.recordings) == (Path("our.toml"), None)
+    refused, said = home.carry_out(place, Chosen("rig", ("rig", "our.txt")))
+    assert (refused, "our.txt" in said) == (place, True)
+
+
+def test_palpate_alone_is_the_desk_at_a_terminal_with_a_study(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began: list[list[str]] = []
+    monkeypatch.setattr("palpate.experiment.cli.app.main", lambda: began.append([*__import__("sys").argv]))
+
+    def alone(*, terminal: bool) -> str:
+        for name in ("stdin", "stdout", "stderr"):
+            monkeypatch.setattr(f"sys.{name}.isatty", lambda: terminal, raising=False)
+        monkeypatch.setattr("sys.argv", ["palpate"])
+        __main__.main()
+        return capsys.readouterr().out
+
+    assert alone(terminal=False).startswith("Usage")
+    assert alone(terminal=True) == ""
+    assert began == [["palpate", "desk"]]
+    small.unlink()
+    assert alone(terminal=True).startswith("Usage")
+
+
+@pytest.fixture
+def at_desk(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> Callable[[Iterator[tuple[str, ...]]], list[str]]:
+    """Have keys pressed at each page of a desk; commands run in this process, and simulated people hurry."""
+    said: list[str] = []
+    vars_of = vars(participant)
+    for name, value in HURRIED.items():
+        monkeypatch.setitem(vars_of, name, value)
+
+    def run(command: list[str], **_: object) -> SimpleNamespace:
+        code, out, err = palpate(*command[command.index("palpate.experiment") + 1 :])
+        said.append(out + err)
+        return SimpleNamespace(returncode=code, stdout=out.encode())
+
+    def at(pages: Iterator[tuple[str, ...]]) -> list[str]:
+        async def act(app: HomePage) -> Chosen | None:
+            async with app.run_test(size=(80, 24)) as pilot, asyncio.timeout(20):
+                while app._scene is None:
+                    await pilot.pause()
+                await pilot.press(*next(pages))
+            return app.return_value
+
+        monkeypatch.setattr(home, "subprocess", SimpleNamespace(run=run, PIPE=None))
+        monkeypatch.setattr(home, "_wait", lambda: None)
+        monkeypatch.setattr(HomePage, "run", lambda app: asyncio.run(act(app)))
+        home.stay(Place(session=("--by", "console", "--lines")))
+        return said
+
+    return at
+
+
+def test_from_an_empty_folder_to_a_practised_session_in_the_desk_alone(
+    at_desk: Callable[[Iterator[tuple[str, ...]]], list[str]],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    heard = re.compile(r"participant 01 says: (.*)\.|says: (.*)\.\n")
+    shown = ""
+
+    def typed(asked: str = "") -> str:
+        """Answer the questions of `palpate new`, and key what the participant says."""
+        nonlocal shown
+        shown += capsys.readouterr().out + asked
+        if "How often a task presents each material" in asked:
+            return "1"
+        if "Its tasks" in asked:
+            return "virtual"
+        if (again := re.search(r"type (\S) again", asked)) is not None:
+            return again[1]
+        if "[y]" in asked:
+            return "y"
+        said = next(iter(heard.findall(shown)[-1:]), None) if "participant say" in asked else None
+        return max(said)[0] if said else ""
+
+    monkeypatch.setattr("builtins.input", typed)
+    said = at_desk(iter([("enter",), ("enter", "enter"), ("f9",)]))
+    entries = journal.read(storage.journal_path(Path("participants/practice-mystudy"), "01", "virtual")).entries
+    assert progress(entries).complete
+    assert len(said) == 2
