@@ -420,9 +420,18 @@ def rig_path(journal_file: Path) -> Path:
     return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_rig.toml"))
 
 
+RAW = ("foot.cobs", "force.bin")
+"""How the file of what a session recorded beside its journal ends: the tracker's frames, or a servo's force."""
+
+
+def raw_path(journal_file: Path, end: str) -> Path:
+    """Return where a file of raw data of a session stands, beside its journal; `end` is one of `RAW`."""
+    return journal_file.with_name(journal_file.name.replace("_journal.jsonl", f"_{end}"))
+
+
 def foot_path(journal_file: Path) -> Path:
     """Return where the raw tracker frames of a session stand, beside its journal."""
-    return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_foot.cobs"))
+    return raw_path(journal_file, RAW[0])
 
 
 def refuse_other_format(root: Path) -> None:

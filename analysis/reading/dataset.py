@@ -77,6 +77,7 @@ def read(root: Path) -> Study:
     _refuse_strangers(root, set(withdrawn), facts["Tasks"])
     rows: list[dict[str, object]] = []
     session_ids: dict[tuple[str, str], str] = {}
+    forces: dict[tuple[str, str], tuple[Path, ...]] = {}
     tasks: dict[str, Task] = {}
     materials: tuple[str, ...] = ()
     asked: dict[str, TaskDesign] = {}
@@ -107,6 +108,8 @@ def read(root: Path) -> Study:
             if (session_id := sidecar.get("SessionId")) is not None:
                 _check_new(str(session_id), session_ids, beside)
                 session_ids[participant, task] = str(session_id)
+            pattern = escape(path.name.removesuffix("events.tsv")) + "recording-force*_physio.tsv.gz"
+            forces[participant, task] = tuple(sorted(path.parent.glob(pattern)))
             rows += _events(
                 path,
                 participant,
@@ -128,7 +131,7 @@ def read(root: Path) -> Study:
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
         parts=(Part(root.resolve().name, tuple(withdrawn), names, protocol, sealed, _anchors(root), versions,
                     tuple(facts.get("Incidents", ()))),),
-        designs=asked,
+        designs=asked, forces=forces,
     )  # fmt: skip
 
 
@@ -479,6 +482,7 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         participants=tuple(label for study in renamed for label in study.participants),
         first_tasks=_union(study.first_tasks for study in renamed),
         session_ids=_union(study.session_ids for study in renamed),
+        forces=_union(study.forces for study in renamed),
         attempts=pd.concat([study.attempts for study in renamed], ignore_index=True),
         exclusions=tuple(exclusion for study in renamed for exclusion in study.exclusions),
         unasked=tuple(one for study in renamed for one in study.unasked),
@@ -567,6 +571,7 @@ def _renamed(study: Study, name: str) -> Study:
         participants=tuple(f"{name}-{label}" for label in study.participants),
         first_tasks={f"{name}-{label}": task for label, task in study.first_tasks.items()},
         session_ids={(f"{name}-{who}", task): one for (who, task), one in study.session_ids.items()},
+        forces={(f"{name}-{who}", task): one for (who, task), one in study.forces.items()},
         attempts=study.attempts.assign(participant=[f"{name}-{who}" for who in study.attempts["participant"]]),
         exclusions=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.exclusions),
         unasked=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.unasked),

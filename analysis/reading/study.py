@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,8 @@ from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from palpate.experiment.protocol.models import ExclusionRule, PlannedTest, Protocol
 
 ALL_TASKS = "all"
@@ -221,11 +223,12 @@ class Study:
     """A dataset as read, or several as one.
 
     `origin` is one of `dataset.ORIGINS`; `label` heads everything made from the study, and is empty for a study's own
-    data. `first_tasks` gives participant -> task, `session_ids` participant and task -> id, where known. `attempts` has
-    a row for each attempt: participant, task, trial, attempt, counted, presented, answered, response_time_s,
-    foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason, included, and the columns of
-    `dataset.FURTHER`, sent_thirds and heard_thirds (dB, or None), and those that say what a design presented. `designs`
-    are by task, and of one name. `ordered`: trials are numbered as they were done.
+    data. `first_tasks` gives participant -> task, `session_ids` participant and task -> id, where known, `forces` the
+    tables of what a servo sent. `attempts` has a row for each attempt: participant, task, trial, attempt, counted,
+    presented, answered, response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s,
+    redo_reason, included, and the columns of `dataset.FURTHER`, sent_thirds and heard_thirds (dB, or None), and those
+    that say what a design presented. `designs` are by task, and of one name. `ordered`: trials are numbered as they
+    were done.
     """
 
     id: str
@@ -243,6 +246,7 @@ class Study:
     parts: tuple[Part, ...]
     designs: Mapping[str, TaskDesign]
     ordered: bool = True
+    forces: Mapping[tuple[str, str], tuple[Path, ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         counted, tasks = int(self.attempts["included"].sum()), ", ".join(task.id for task in self.tasks)

@@ -281,11 +281,12 @@ def write_physio(
     task: str,
     description: str,
     origin: Origin,
+    facts: Mapping[str, object] = {},
 ) -> None:
     """Write a continuous recording as `_physio.tsv.gz`, without a header as BIDS asks, and its sidecar.
 
     Gaps are rows of `n/a`. `columns` have one length, or `ValueError` is raised; `rate_hz` is in samples a second, and
-    `start_s` is the first sample's time on the events' clock.
+    `start_s` is the first sample's time on the events' clock. `facts` are further keys of the sidecar.
     """
     lengths = {column.values.shape for column in columns.values()}
     if len(lengths) != 1 or any(len(shape) != 1 for shape in lengths):
@@ -298,6 +299,7 @@ def write_physio(
         "PhysioType": "generic",
         "TaskName": task,
         "Description": labelled(description, origin),
+        **facts,
     }
     for name, column in columns.items():
         sidecar[name] = {"Description": column.description, "Units": column.units}

@@ -20,7 +20,6 @@ from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records import entries, journal, software
 from palpate.experiment.records.events import NO_ANSWER
-from palpate.experiment.storage import foot_path
 
 ORIGINS: dict[entries.Purpose, bids.Origin] = {
     "STUDY": "PARTICIPANT",
@@ -45,12 +44,11 @@ class DatasetKind:
     """A kind of trial in a dataset.
 
     `cells` yields each outcome of a journal, at this path, that has a row, with the cells that are the kind's own.
-    `write` gets dataset, journal, its contents, raw frames of its outcomes and the origin, and writes what is beside
-    the table.
+    `write` gets dataset, journal and its contents, and writes what is beside the table.
     """
 
     cells: Callable[[Path, journal.Contents], Iterator[tuple[entries.Outcome, Cells]]]
-    write: Callable[[Path, Path, journal.Contents, Sequence[bytes], bids.Origin], None] = lambda *_: None
+    write: Callable[[Dataset, Path, journal.Contents], None] = lambda *_: None
 
 
 def kind_of(task: Task) -> DatasetKind:
@@ -75,11 +73,10 @@ def build(root: Path, each: Each = map) -> None:
 
 
 def _build_session(dataset: Dataset, path: Path) -> None:
-    root, contents, origin = dataset.root, journal.read(path), ORIGINS[dataset.purpose]
+    root, contents = dataset.root, journal.read(path)
     protocol = dataset.version(contents.header)
     kind = kind_of(protocol.task(contents.header.task))
-    outcomes = [outcome for outcome, _ in kind.cells(path, contents)]
-    kind.write(root, path, contents, raw_frames(path, outcomes), origin)
+    kind.write(dataset, path, contents)
     # The table comes last: where it is, nothing of its session is missing.
     bids.write_files(session_table(root, protocol, dataset.purpose, path, contents))
 
@@ -251,22 +248,24 @@ def _press_cells(answer: entries.Answer, own: Cells) -> dict[str, object]:
     }
 
 
-def raw_frames(journal_file: Path, outcomes: Iterable[entries.Outcome]) -> list[bytes]:
-    """Return the raw frames of each outcome with any. Raises `DatasetError` if they are not those it names."""
-    traced = [(outcome, outcome.frames) for outcome in outcomes if outcome.frames is not None]
+def raw_frames(journal_file: Path, recorded: Iterable[entries.Entry]) -> list[bytes]:
+    """Return the raw data of each entry with any. Raises `DatasetError` if they are not those it names."""
+    traced = [(entry, trace) for entry in recorded if (trace := entry.frames) is not None]
     if not traced:
         return []
-    path = foot_path(journal_file)
+    _, trace = traced[0]
+    path = storage.raw_path(journal_file, trace.file)
     try:
-        raw = storage.read_bytes(path, 2**30)
+        raw = storage.read_bytes(path, 2**32)
     except OSError as error:
-        raise DatasetError(path, f"cannot read the foot trace ({error.strerror})", "restore it") from error
+        raise DatasetError(path, f"cannot read the {trace.recording} trace ({error.strerror})", "restore it") from error
     parts = []
-    for outcome, trace in traced:
+    for entry, trace in traced:
         part = raw[trace.offset : trace.offset + trace.length]
         if hashlib.sha256(part).hexdigest() != trace.sha256:
+            of = f" of trial {entry.trial}" if isinstance(entry, entries.OfAttempt) else ""
             raise DatasetError(
-                path, f"the frames of trial {outcome.trial} are not those that the journal names", "restore the file"
+                path, f"the {trace.of_what[0]}{of} are not those that the journal names", "restore the file"
             )
         parts.append(part)
     return parts

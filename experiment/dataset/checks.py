@@ -234,10 +234,12 @@ def _read_journal(
     """Return the header of a journal, None before its session or where it is wrong, its state, and what is wrong."""
     try:
         contents = journal.read_if_begun(path)
-        # Raw frames of an attempt of which the journal does not know: the journal was cut off.
-        foot = storage.foot_path(path)
-        if storage.size(foot) and not any(isinstance(entry, Armed) for entry in contents.entries):
-            raise DatasetError(path, f"knows of no attempt, and {foot.name} does", "restore the journal from a backup")
+        # Raw data of an attempt of which the journal does not know: the journal was cut off.
+        unknown = not any(isinstance(entry, Armed) or entry.frames for entry in contents.entries)
+        for raw in (storage.raw_path(path, end) for end in storage.RAW if unknown):
+            if storage.size(raw):
+                what = f"knows of no attempt, and {raw.name} does"
+                raise DatasetError(path, what, "restore the journal from a backup")
         if not contents.lines:
             return None, "ended", None
         _check_header(path, header := contents.header, dataset)
@@ -350,9 +352,10 @@ def _strays(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _frames_alone(dataset: Dataset) -> Iterator[Finding]:
-    """Yield raw frames without a journal: a whole session was deleted."""
-    known = {storage.foot_path(path) for path in journals(dataset.root)}
-    for path in sorted((dataset.root / "sourcedata").glob("sub-*/*_foot.cobs")):
+    """Yield raw data without a journal: a whole session was deleted."""
+    known = {storage.raw_path(path, end) for path in journals(dataset.root) for end in storage.RAW}
+    source = dataset.root / "sourcedata"
+    for path in sorted(path for end in storage.RAW for path in source.glob(f"sub-*/*_{end}")):
         if path not in known and storage.size(path):
             yield Finding("the journal of these frames is missing", path, remedy="restore it from a backup")
 

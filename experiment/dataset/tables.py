@@ -118,19 +118,18 @@ def differences(dataset: Dataset) -> Iterator[Finding]:
 
 
 def lost_traces(dataset: Dataset) -> Iterator[Finding]:
-    """Yield raw frames that are not those a journal names, and each trace of the foot's height that is missing."""
+    """Yield raw frames that are not those a journal names, and each trace of a foot or a force that is missing."""
     for path, header in dataset.sessions:
         contents = journal.read(path)
-        kind = build.kind_of(dataset.version(header).task(header.task))
         try:
-            build.raw_frames(path, [outcome for outcome, _ in kind.cells(path, contents)])
+            build.raw_frames(path, contents.entries)
         except PalpateError as error:
             yield error.finding
         ended = until_footer(contents) if path in dataset.under_way else contents
-        stepped = any(isinstance(entry, entries.Outcome) and entry.frames and entry.asks for entry in ended.entries)
-        for suffix in ("tsv.gz", "json") if stepped else ():
-            trace = f"recording-foot_physio.{suffix}"
-            file = bids.beh_path(dataset.root, header.participant, header.task, trace)
+        whole = [one for one in ended.entries if not isinstance(one, entries.Outcome) or one.asks]
+        names = {trace.recording for one in whole if (trace := one.frames)}
+        for end in (f"recording-{name}_physio.{suffix}" for name in sorted(names) for suffix in ("tsv.gz", "json")):
+            file = bids.beh_path(dataset.root, header.participant, header.task, end)
             if not file.exists():
                 yield _missing(dataset.root, file)
 

@@ -26,7 +26,7 @@ from palpate.experiment.protocol import approval
 from palpate.experiment.protocol import files as protocols
 from palpate.experiment.protocol.blocks import count
 from palpate.experiment.records import bridging, journal
-from palpate.experiment.records.entries import Header, Outcome, Purpose, Resumed
+from palpate.experiment.records.entries import Header, Purpose, Resumed, Trace
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import approvals, enrolment
 from palpate.experiment.study.approvals import Approvals
@@ -286,19 +286,20 @@ def _session(root: Path, path: Path, sessions: list[tuple[Path, Header]]) -> str
     journal.refuse_unreadable(path, contents)
     for refusal in checks.findings(Sessions(root, sessions=tuple(sessions[-1:])), "rigs"):
         raise DatasetError.at(refusal)
-    outcomes = [entry for entry in contents.entries if isinstance(entry, Outcome)]
-    steps = [trace for outcome in outcomes if (trace := outcome.frames)]
-    build.raw_frames(path, outcomes)
-    end = max((trace.offset + trace.length for trace in steps), default=0)
-    more = storage.size(storage.foot_path(path)) - end
+    traced = [trace for entry in contents.entries if (trace := entry.frames)]
+    build.raw_frames(path, contents.entries)
+    end = max((trace.offset + trace.length for trace in traced), default=0)
+    raw = next((file for end in storage.RAW if (file := storage.raw_path(path, end)).exists()), path)
+    more = storage.size(raw) - end if raw != path else 0
+    of, each = traced[0].of_what if traced else Trace.of_what
     if more and progress(contents.entries).complete:
-        what = f"{count(more, 'byte')} follow the last step that the journal of this complete session names"
-        raise DatasetError(storage.foot_path(path), what, "restore the file from a backup")
+        what = f"{count(more, 'byte')} follow the last {each} that the journal of this complete session names"
+        raise DatasetError(raw, what, "restore the file from a backup")
     torn = f"; {count(len(contents.torn), 'byte')} at its end: a line that was never finished" if contents.torn else ""
     told = f"{count(len(contents.lines), 'line')} in an unbroken chain up to its head{torn}"
-    frames = f" and the frames of {count(len(steps), 'step')} are those" if steps else " is the one"
+    frames = f" and the {of} of {count(len(traced), each)} are those" if traced else " is the one"
     unnamed = (
-        f"; {count(more, 'byte')} of frames that no line names follow, as of a step that was cut off" if more else ""
+        f"; {count(more, 'byte')} of {of} that no line names follow, as of a {each} that was cut off" if more else ""
     )
     held = progress(contents.entries)
     paused = held.footer is not None and held.footer.reason == "paused" and not held.complete

@@ -7,6 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from palpate.experiment.storage import RAW
+
 FORMAT: Literal[10] = 10
 """The format of the journal: its models and their meaning. Headers of format 9 name no seal."""
 
@@ -39,13 +41,23 @@ class Entry(Record):
         stimulus = getattr(self, "stimulus", None)
         return () if stimulus is None else (stimulus.lasts_s,)
 
+    @property
+    def frames(self) -> "Trace | None":
+        """Where the raw data stand that this entry puts on record; None where none are kept."""
+        trace: Trace | None = getattr(self, "trace", None)
+        return trace
+
 
 Lines = Mapping[type[Entry], Callable[[Any], str]]
 """Entries of a kind of trial, each with what makes its line in a transcript."""
 
 
 class Trace(Record):
-    """Where the raw tracker frames of an attempt stand in the session's file of them."""
+    """Where the raw tracker frames of an attempt stand in the session's file of them, and what these are called."""
+
+    file: ClassVar[str] = RAW[0]
+    recording: ClassVar[str] = "foot"
+    of_what: ClassVar[tuple[str, str]] = "frames", "step"
 
     offset: int
     length: int
@@ -71,12 +83,6 @@ class Outcome(OfAttempt):
 
     asks: ClassVar[bool] = True
     """Whether an answer is asked for next."""
-
-    @property
-    def frames(self) -> Trace | None:
-        """Where its raw tracker frames stand; None where none are kept."""
-        trace: Trace | None = getattr(self, "trace", None)
-        return trace
 
     @property
     def put_off(self) -> bool:

@@ -91,7 +91,7 @@ class Log(Protocol):
         """Return the free space on the disk, bytes. Raises `OSError`."""
 
     def keep(self, raw: bytes) -> Trace:
-        """Put the raw tracker frames of an attempt into the session's file of them; return where they stand."""
+        """Put raw data into the session's file of them; return where they stand."""
 
 
 class Limits(Protocol):
@@ -331,7 +331,7 @@ class SessionKind:
         rig: the module that judges rigs, imported where one is judged.
         board: the module of what the board reads of a rig.
         recordings: the module that takes real recordings; none where nothing that is recorded is played.
-        frames: whether the tracker's frames of a step are kept.
+        frames: returns what tells where the raw data of a task stand, None where none are kept.
     """
 
     opens: Callable[..., KindDevices]
@@ -339,7 +339,7 @@ class SessionKind:
     check_rig: Callable[[StudyProtocol, Rig, date], None]
     rig: str
     board: str
-    frames: bool
+    frames: Callable[[Task], type[Trace] | None]
     recordings: str = ""
 
     def real_recordings(self, root: Path, given: Path | None, protocol: StudyProtocol) -> Path:

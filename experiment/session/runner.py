@@ -38,7 +38,7 @@ from palpate.experiment.session.exposure import Exposed, spent_ns
 from palpate.experiment.session.kind import Signals, session_kind
 from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.remarks import Attendance
-from palpate.experiment.storage import foot_path, journal_path, rig_path, roster_path, voices_folder
+from palpate.experiment.storage import journal_path, raw_path, rig_path, roster_path, voices_folder
 from palpate.experiment.study.roster import Roster
 
 MOST_ATTEMPTS = 10
@@ -94,7 +94,8 @@ def run(
             journal.settle(path, contents)
             return done.footer
         opening.copy_rig(rig_file, rig_path(path))
-        frames = foot_path(path) if session_kind(protocol.task(header.task)).frames else None
+        task = protocol.task(header.task)
+        frames = session_kind(task).frames(task)
         with closing(SessionLog(path, devices.clock, contents, done, frames)) as log:
             log.signals = devices.signals
             session = _Session(
@@ -144,10 +145,10 @@ def _onward(done: Progress, stopped_on: date) -> str:
 
 
 class SessionLog:
-    """Implements `Log`: the journal, for several threads, and a tracker's `frames`, opened before anything is felt."""
+    """Implements `Log`: the journal, for several threads, and a file of raw data, opened before anything is felt."""
 
     def __init__(
-        self, path: Path, clock: Clock, contents: journal.Contents, done: Progress, frames: Path | None
+        self, path: Path, clock: Clock, contents: journal.Contents, done: Progress, frames: type[entries.Trace] | None
     ) -> None:
         self.done = done
         """Where the session stands by what is on disk, as it would after a kill."""
@@ -156,7 +157,8 @@ class SessionLog:
         self._under_way: dict[int, int] = {}
         self._journal = journal.Journal(path, clock, contents)
         self.signals: Signals | None = None
-        self._frames = None if frames is None else (frames, frames.open("ab", buffering=0))
+        raw = None if frames is None else raw_path(path, frames.file)
+        self._frames = None if frames is None or raw is None else (frames, raw, raw.open("ab", buffering=0))
 
     @property
     def accepts(self) -> bool:
@@ -203,8 +205,8 @@ class SessionLog:
 
     def keep(self, raw: bytes) -> entries.Trace:
         if self._frames is None:
-            raise RuntimeError("no frames are kept of a session without a foot")
-        path, file = self._frames
+            raise RuntimeError("no raw data are kept of this session")
+        made, path, file = self._frames
         offset = file.tell()
         try:
             with self._waiting():
@@ -212,13 +214,13 @@ class SessionLog:
         except OSError as error:
             raise journal.unwritable(path, error) from error
         journal.check_place(file.fileno(), path)
-        return entries.Trace(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
+        return made(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
 
     def close(self) -> None:
         try:
             if self._frames is not None:
-                chain.write_through(self._frames[1], b"")
-                self._frames[1].close()
+                chain.write_through(self._frames[2], b"")
+                self._frames[2].close()
         finally:
             self._journal.close()
 

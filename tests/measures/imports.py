@@ -69,7 +69,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/doctor/force.py",
         *(
             f"experiment/apparatus/servo/{name}.py"
-            for name in ("budget", "device", "link", "opening", "process", "rendering")
+            for name in ("budget", "device", "link", "opening", "process", "record", "rendering")
         ),
         "experiment/rehearsal/wires/force_device.py",
         "experiment/synthesis/contact",

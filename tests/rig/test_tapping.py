@@ -5,14 +5,22 @@ How near their choices are to the printed ones is judged over three seeds in `re
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from palpate.analysis.analyse import analyse
 from palpate.analysis.designs.comparison.results import TaskComparisons
+from palpate.experiment import storage
+from palpate.experiment.apparatus.servo.record import cycles_of
+from palpate.experiment.dataset import build
+from palpate.experiment.dataset.outside import sharing
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.kinds.tapping import Tapped
 from palpate.experiment.rehearsal.study import rehearse
 
 
@@ -79,3 +87,40 @@ def test_the_same_seed_writes_the_same_files(tmp_path: Path) -> None:
     files = sorted(path.relative_to(once) for path in once.rglob("*") if path.is_file())
     assert files == sorted(path.relative_to(again) for path in again.rglob("*") if path.is_file())
     assert [path for path in files if (once / path).read_bytes() != (again / path).read_bytes()] == []
+    force_is_on_record(once, tmp_path / "copy")
+
+
+def force_is_on_record(root: Path, copy: Path) -> None:
+    """Assert that the force of each cycle is in the trace, in its copy, and under the journal's hashes."""
+    journal_file = storage.journal_path(root, "01", "virtual")
+    raw = storage.raw_path(journal_file, "force.bin")
+    cycles = cycles_of(raw.read_bytes())
+    beh = root / "sub-01" / "beh"
+    sidecar = json.loads((beh / "sub-01_task-virtual_recording-force_physio.json").read_text())
+    law = {"StiffnessNewtonPerMetre": 2500.0, "DampingNewtonSecondPerMetre": 100.0, "LimitNewton": 3.0}
+    assert sidecar["Force"] == {**law, "Cycles": cycles.size, "LostCycles": 0}
+    table = beh / "sub-01_task-virtual_recording-force_physio.tsv.gz"
+    trace = pd.read_csv(table, sep="\t", names=sidecar["Columns"], na_values="n/a")
+    recorded = trace[trace.force_sent.notna()]
+    assert len(recorded) == cycles.size
+    assert np.abs(recorded.hand_height - cycles["place_mm"][:, 0]).max() < 1e-5
+    assert np.abs(recorded.force_sent_along - cycles["sent_n"][:, 1]).max() < 1e-5
+    assert np.hypot(recorded.force_sent, recorded.force_sent_along).max() <= 3.0
+    # On the clock of the events: each touch, by its entry, is where the hand crosses the face.
+    contents = journal.read(journal_file)
+    taps = [one.onset.contact_ns for one in contents.entries if isinstance(one, Tapped)]
+    rows = [round((ns - contents.lines[0].t_ns) / 1e9 * 2500 - sidecar["StartTime"] * 2500) for ns in taps]
+    assert len(rows) > 40
+    assert np.abs(trace.hand_height.to_numpy()[rows]).max() < 0.1
+    assert sharing.share(root, copy).participants == 1
+    (shared,) = copy.glob("sub-*/beh/*_recording-force_physio.tsv.gz")
+    assert shared.read_bytes() == table.read_bytes()
+    assert json.loads((shared.parent / shared.name.replace(".tsv.gz", ".json")).read_text()).keys() == sidecar.keys()
+    table.unlink()
+    assert [one.where for one in verify(root).findings if one.refuses] == [table.relative_to(root).as_posix()]
+    build.build(root)
+    assert shared.read_bytes() == table.read_bytes()
+    changed = bytearray(raw.read_bytes())
+    changed[-1] ^= 1
+    raw.write_bytes(changed)
+    assert raw.relative_to(root).as_posix() in {str(one.where) for one in verify(root).findings if one.refuses}

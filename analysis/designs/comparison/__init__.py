@@ -18,6 +18,7 @@ import pandas as pd
 
 from palpate.analysis.designs import AnalysisDesign, Described
 from palpate.analysis.designs.comparison import results
+from palpate.analysis.designs.comparison.force import force_sections
 from palpate.analysis.designs.comparison.results import (
     LAWS,
     UNNAMED,
@@ -99,6 +100,7 @@ def sections(study: Study, results: Compared, printed: Published | None) -> tupl
     """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
     stands = plan.standing(study, printed)
     in_print = [task for task in results.tasks if task.in_print is not None]
+    beside = (_in_print(study, results, in_print),) if in_print else ()
     pairs = _pairs(results)
     # Right choices are printed, or lie behind a planned scale.
     tests = (plan.PAIRS, *map(str.title, LAWS))
@@ -107,7 +109,7 @@ def sections(study: Study, results: Compared, printed: Published | None) -> tupl
         stands.results: (plan.marked(pairs, *against), _scales(results, stands)),
         "Exploratory": (plan.marked(_bias(results), plan.EXPLORATORY),),
         "Left out": (plan.exclusions_section(study),),
-        ON_METHODS: ((plan.marked(_in_print(study, results, in_print), plan.DESCRIPTIVE),) if in_print else ()),
+        ON_METHODS: tuple(plan.marked(one, plan.DESCRIPTIVE) for one in (*beside, *force_sections(study))),
     }
     return (
         _answers(study, results, stands),

@@ -86,16 +86,16 @@ class ForceDevice:
         self.dropped = 0
         """How often the device said that it had dropped its force."""
 
-    def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> Pair:
+    def push(self, force_n: Pair, *, fast: bool, now_ns: int | None) -> Pair:
         """Push with a force, N, out of the block and along its face, up to the limit; light the lamp if `fast`.
 
         `now_ns` is the machine's monotonic clock when the force was asked for: one that is older than the device would
-        hold it is none, as after a stop of this process. Returns the force that was sent, within the limit. Raises
-        `ServoError` if the device takes nothing more.
+        hold it is none, as after a stop of this process; None in simulated time, in which nothing is old. Returns the
+        force that was sent, within the limit. Raises `ServoError` if the device takes nothing more.
         """
         sent_n = bounded(force_n, self._limit_n)
         message = encode(self._sequence, sent_n, fast=fast)
-        if time.monotonic_ns() - now_ns >= DROPS_AFTER_S * 1e9:
+        if now_ns is not None and time.monotonic_ns() - now_ns >= DROPS_AFTER_S * 1e9:
             sent_n = NO_FORCE
             message = encode(self._sequence, sent_n, fast=fast)
         try:
@@ -104,7 +104,7 @@ class ForceDevice:
             raise self._disconnected(error) from error
         if sent != len(message) or len(self._unanswered) >= MOST_OPEN:
             raise self._trouble("it reads nothing more", RUNS)
-        self._unanswered.append((self._sequence % _SEQUENCES, now_ns))
+        self._unanswered.append((self._sequence % _SEQUENCES, now_ns or 0))
         self._sequence += 1
         return sent_n
 

@@ -8,6 +8,8 @@ import os
 import socket
 import subprocess
 import tempfile
+import threading
+from collections import deque
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Protocol
@@ -20,6 +22,7 @@ from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.servo import process, rendering
 from palpate.experiment.apparatus.servo.device import ForceDevice
 from palpate.experiment.apparatus.servo.process import Line, Orders
+from palpate.experiment.apparatus.servo.record import ForceRecord, cycles_of
 from palpate.experiment.apparatus.servo.rendering import Felt, Rendered, Touch
 from palpate.experiment.apparatus.tracker import clock_map as clock_maps
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap, ClockState
@@ -38,6 +41,9 @@ STANDS_NS = 1_000_000_000
 
 ANSWERS_MS = 150.0
 """A device that is late to answer within so long is not there, ms: one and a half times what a rig may allow. Ours."""
+
+GOES_S = 5.0
+"""In simulated time a hand is gone within so long, s, wall-clock time."""
 
 BEHIND = 1000
 """In simulated time the device may be so many messages behind."""
@@ -62,6 +68,12 @@ class Servo(Protocol):
     def read(self) -> Felt | None:
         """Return what the hand did since the read before; None if nothing came. Raises `ServoError` once it is gone."""
 
+    def forces(self) -> bytes:
+        """Return the force that was sent, as `record.CYCLE` has it in session time, since this was called last.
+
+        Any thread may call it but, in simulated time, the one that reads: it waits until the hand has gone.
+        """
+
     def reconnect(self) -> None:
         """Open it anew, with the same block. Raises `ServoError`."""
 
@@ -78,6 +90,7 @@ class ServoProcess:
         """Start it, and wait until the hand is there. Raises `ServoError` if a part cannot be opened."""
         self._orders, self._clock = orders, clock
         self._asked: tuple[Block | None, int] = (None, 0)
+        self._forces: deque[bytes] = deque()
         self._begin()
 
     def _begin(self) -> None:
@@ -167,6 +180,9 @@ class ServoProcess:
                     places += self._orders.places(frames)
             elif kind == process.TOUCH:
                 touches.append(Touch(*process.TOUCHED.unpack(content)))
+            elif kind == process.FORCE:
+                later_ns = self._clock.now_ns() - monotonic_ns()
+                self._forces.append(cycles_of(content, later_ns=later_ns).tobytes())
             elif kind == process.COUNTS:
                 self.counts = json.loads(content)
             elif kind == process.STOOD:
@@ -182,6 +198,9 @@ class ServoProcess:
         for us, place_mm in places:
             self._speed, _ = rendering.step(None, self._speed, us, place_mm)
         return _felt(places, touches, self._state.map(), self._speed.speed_mm_s > self._orders.fastest_mm_s)
+
+    def forces(self) -> bytes:
+        return _emptied(self._forces)
 
     def reconnect(self) -> None:
         self.close()
@@ -219,6 +238,10 @@ class ServoHere:
         self._observer = orders.observer()
         self._sent_n = rendering.NO_FORCE
         self._pushed = (rendering.NO_FORCE, False)
+        self._record = ForceRecord()
+        self._forces: deque[bytes] = deque()
+        self._goes = threading.Condition()
+        self._near = False
 
     def is_live(self) -> bool:
         """Return True: in simulated time nothing is late."""
@@ -235,6 +258,7 @@ class ServoHere:
         try:
             samples = self._tracker.read()
         except TrackerStopped:
+            self._hand_over(b"", near=False)
             return None
         clock = self._tracker.clock_map
         if clock is None:
@@ -243,6 +267,7 @@ class ServoHere:
         mm = zip(samples.height_mm.tolist(), along.tolist(), strict=True)
         places = list(zip(samples.device_us.tolist(), mm, strict=True))
         touches: list[Touch] = []
+        record, near = b"", False
         for us, place_mm in places:
             if self._asked is not self._under:
                 self._under, self._at = self._asked, self._at.silent()
@@ -257,9 +282,26 @@ class ServoHere:
             wanted = (part * out_n, part * along_n), self._at.speed_mm_s > self._orders.fastest_mm_s
             if wanted != self._pushed:
                 self._pushed = wanted
-                self._sent_n = self._device.push(wanted[0], fast=wanted[1], now_ns=monotonic_ns())
+                self._sent_n = self._device.push(wanted[0], fast=wanted[1], now_ns=None)
                 self._device.catch_up(BEHIND)
+            if meets is not None:
+                met, forces_n = round(us * self._orders.rate_hz / 1e6), (self._at.force_n, self._sent_n)
+                record += self._record.add(met, clock.session_ns(us), 1, place_mm, *forces_n)
+            near = meets is not None and self._record.near
+        self._hand_over(record + self._record.take(), near=near)
         return _felt(places, touches, clock, self._at.speed_mm_s > self._orders.fastest_mm_s)
+
+    def _hand_over(self, record: bytes, *, near: bool) -> None:
+        with self._goes:
+            self._forces.append(record)
+            self._near = near
+            self._goes.notify_all()
+
+    def forces(self) -> bytes:
+        with self._goes:
+            # Otherwise it would depend on the machine how much of a tap is there.
+            self._goes.wait_for(lambda: not self._near, GOES_S)
+            return _emptied(self._forces)
 
     def reconnect(self) -> None:
         """Do nothing: no device falls silent in simulated time."""
@@ -272,6 +314,10 @@ class ServoHere:
         """Take the force away."""
         self._device.close()
         self.stop()
+
+
+def _emptied(waiting: deque[bytes]) -> bytes:
+    return b"".join(waiting.popleft() for _ in range(len(waiting)))
 
 
 def _felt(places: list[tuple[int, Pair]], touches: list[Touch], clock: ClockMap, fast: bool) -> Felt:

@@ -38,6 +38,7 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo import rendering
 from palpate.experiment.apparatus.servo.device import ForceDevice
 from palpate.experiment.apparatus.servo.observer import Observer
+from palpate.experiment.apparatus.servo.record import ForceRecord
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE, Rendered, share
 from palpate.experiment.apparatus.tracker.frames import Decoder, Frames
 from palpate.experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, reason
@@ -53,8 +54,9 @@ HEARTBEAT_NS = 500_000_000
 MOST_KEPT_BYTES = 1 << 20
 """What the session is late to read, bytes: half a minute of frames."""
 
-SAMPLES, TOUCH, COUNTS, ENDED, STOOD, RENDER, BEAT = range(7)
-"""Kinds of messages: the tracker's bytes, a touch, cycles, an end, a stall; and to it, a block and a heartbeat."""
+SAMPLES, TOUCH, COUNTS, ENDED, STOOD, RENDER, BEAT, FORCE = range(8)
+"""Kinds of messages: the tracker's bytes, a touch, cycles, an end, a stall; to it, a block and a heartbeat; and again
+from it, the force that it sent."""
 
 HEAD = struct.Struct("<BIq")
 TOUCHED = struct.Struct("<ddd")
@@ -215,6 +217,7 @@ class Servo:
         self._observer = orders.observer()
         self._sent_n = NO_FORCE
         self._arrived_ns = 0
+        self._record = ForceRecord()
         self.counts: Counter[str] = Counter()
 
     def run(self) -> None:
@@ -244,12 +247,17 @@ class Servo:
                 self._block = None if told is None else Block(**_tuples(told))
                 self._at = self._at.silent()
         part = self._share(now_ns)
-        self._read(now_ns, self._block if part else None)
+        block = self._block if part else None
+        samples = self._read(now_ns, block)
         if time.monotonic_ns() - now_ns >= SILENT_NS:
             self._fall_silent("late")
         (out_n, along_n), fast = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
         self._sent_n = self._device.push((part * out_n, part * along_n), fast=fast, now_ns=now_ns)
         self._pulse[0] = now_ns if self._at.state is not None and part == 1 else 0
+        if block is not None:
+            met = self.counts["cycles"] + self.counts["missed"]
+            at = self._at
+            self._hand_over(self._record.add(met, now_ns, samples, at.place_mm, at.force_n, self._sent_n))
         waited_ns = self._device.late_ns(now_ns)
         if waited_ns > self._orders.answer_ms * 1e6:
             raise ServoError(
@@ -270,18 +278,25 @@ class Servo:
             self._line.tell(STOOD, TIME.pack(self._beat_ns), now_ns)
         return share(now_ns, self._until_ns)
 
-    def _read(self, now_ns: int, block: Block | None) -> None:
+    def _hand_over(self, record: bytes) -> None:
+        if record:
+            self._line.tell(FORCE, record, time.monotonic_ns())
+
+    def _read(self, now_ns: int, block: Block | None) -> int:
+        """Read the hand, and return how many samples came."""
         where = f"tracker at {self._orders.port}"
         try:
             data = self._port.take()
         except VANISHED as error:
             raise ServoError(where, f"the port has gone ({reason(error)})", "plug the device in again") from error
+        samples = 0
         if data:
             self._decoder, frames = self._decoder.feed(data)
             # After the read: a stamp from before a stall would put samples before they were taken, for good.
             arrived_ns = time.monotonic_ns()
             self._line.tell(SAMPLES, data, arrived_ns)
-            if frames.device_us.size:
+            samples = int(frames.device_us.size)
+            if samples:
                 self._arrived_ns = arrived_ns
                 for us, place_mm in self._orders.places(frames):
                     pushed = self._at.state is not None
@@ -296,6 +311,7 @@ class Servo:
             raise ServoError(where, late, "see that the device is powered, connected and sampling")
         if silent_ns > SILENT_NS + 1e9 / self._orders.tracker_hz:
             self._fall_silent("without the hand")
+        return samples
 
     def _fall_silent(self, why: str) -> None:
         self.counts[why] += any(self._at.force_n)
@@ -307,6 +323,7 @@ class Servo:
         self._device.close()
         self._port.close()
         self.counts["dropped"] = self._device.dropped
+        self._hand_over(self._record.take())
         self._line.tell(COUNTS, json.dumps(self.counts).encode(), time.monotonic_ns())
 
 

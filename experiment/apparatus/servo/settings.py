@@ -53,3 +53,8 @@ class ServoRig(Confined):
     def borne_n_s_m(self) -> float:
         """The damping of the device and what is counted on from the hand, N s/m."""
         return self.damping_n_s_m + (self.hand_damping_n_s_m or 0.0)
+
+
+def largest_force_n(allowed_n: float | None, device: ServoRig | None) -> float:
+    """Return the largest force that a device gives where a protocol allows so much, N; none without a device."""
+    return 0.0 if device is None else min(allowed_n or 0.0, device.full_scale_n)

@@ -12,16 +12,14 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker import frames
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
-from palpate.experiment.dataset import bids
-from palpate.experiment.dataset.build import Cells, DatasetKind
+from palpate.experiment.dataset import bids, traces
+from palpate.experiment.dataset.build import ORIGINS, Cells, DatasetKind, raw_frames
+from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import bridging, entries
 from palpate.experiment.records.journal import Contents
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
 from palpate.experiment.records.stimulus import Onset, Stimulus
-
-LONGEST_GAP_S = 600.0
-"""After a longer pause the foot trace continues in a new recording."""
 
 FOOT_COLUMNS = {
     "foot_height": "Height of the sole above the panel.",
@@ -165,32 +163,24 @@ def write_foot(
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
         heights_mm, along_mm = tracker.height_mm(decoded.counts), tracker.along_mm(decoded.along)
         read_mm.append(np.column_stack([heights_mm - placed.zero_mm, *([] if along_mm is None else [along_mm])]))
-    onward = np.diff(np.concatenate(places))
-    cuts = np.flatnonzero(onward > LONGEST_GAP_S * rate_hz) + 1
-    parts = (np.split(np.concatenate(whole), cuts) for whole in (places, read_mm))
-    own = bids.beh_path(root, header.participant, header.task, "recording-foot")
-    # Earlier versions cut the trace at a clock that was set back too.
-    for trace in own.parent.glob(f"{own.name}*_physio.*"):
-        numbered = trace.name.removeprefix(own.name).partition("_")[0]
-        if numbered.isdecimal() and int(numbered) > len(cuts) + 1:
-            storage.remove(trace)
-    for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
-        place = (on_grid - on_grid.min()).astype(np.int64)
-        grid = np.full((int(place.max()) + 1, tracker.readings), np.nan)
-        grid[place] = mm
-        recording = f"recording-foot{number if number > 1 else ''}_physio.tsv.gz"
-        bids.write_physio(
-            bids.beh_path(root, header.participant, header.task, recording),
-            {
-                name: bids.PhysioColumn(mm, text, "mm", 3)
-                for mm, (name, text) in zip(grid.T, FOOT_COLUMNS.items(), strict=False)
-            },
-            rate_hz=rate_hz,
-            start_s=round(float(on_grid.min()) / rate_hz, 6),
-            task=header.task,
-            description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
-            origin=origin,
-        )
+    traces.write(
+        root,
+        header,
+        "foot",
+        places=np.concatenate(places),
+        columns={
+            name: bids.PhysioColumn(mm, text, "mm", 3)
+            for mm, (name, text) in zip(np.concatenate(read_mm).T, FOOT_COLUMNS.items(), strict=False)
+        },
+        rate_hz=rate_hz,
+        description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
+        origin=origin,
+    )
 
 
-DATASET = DatasetKind(_cells, write=write_foot)
+def _write(dataset: Dataset, path: Path, contents: Contents) -> None:
+    parts = raw_frames(path, [placed.step for placed in placed_steps(path, contents)])
+    write_foot(dataset.root, path, contents, parts, ORIGINS[dataset.purpose])
+
+
+DATASET = DatasetKind(_cells, write=_write)

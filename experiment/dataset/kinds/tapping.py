@@ -1,13 +1,41 @@
-"""Taps on two materials in a dataset: a row for each pair that was laid out."""
+"""Taps on two materials in a dataset: a row for each pair that was laid out, and a trace of the force that was sent."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
-from palpate.experiment.dataset.build import Cells, DatasetKind
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
+from palpate.experiment.apparatus.servo.record import cycles_of
+from palpate.experiment.apparatus.servo.settings import largest_force_n
+from palpate.experiment.dataset import bids, traces
+from palpate.experiment.dataset.build import ORIGINS, Cells, DatasetKind, raw_frames
+from palpate.experiment.dataset.checks import Dataset
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.records import bridging
 from palpate.experiment.records.entries import Outcome
 from palpate.experiment.records.journal import Contents
-from palpate.experiment.records.kinds.tapping import PairLaidOut
+from palpate.experiment.records.kinds.tapping import PairLaidOut, Pushed
+
+ABOUT = (
+    "Force that the servo sent, each cycle in which a block was rendered and the hand was near it or pushed; n/a "
+    "between. A place is n/a where no sample of the tracker came."
+)
+
+COLUMNS = {
+    "hand_height": ("Height of the hand above the face of the block, inside negative.", "mm"),
+    "force_asked": ("Force out of the block that its law asked for, of the servo's place and speed.", "N"),
+    "force_sent": ("Force out of the block that was sent.", "N"),
+    "hand_along": ("Place of the hand along the face.", "mm"),
+    "force_asked_along": ("Force along the face that the block's law asked for.", "N"),
+    "force_sent_along": ("Force along the face that was sent.", "N"),
+}
+"""What a trace of the force tells; the last three stand where the tracker was planar."""
+
+DECIMALS = 5
 
 
 def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
@@ -21,4 +49,55 @@ def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
             )
 
 
-DATASET = DatasetKind(_cells)
+def _write_force(dataset: Dataset, path: Path, contents: Contents) -> None:
+    """Write what the servo sent on a grid of its rate, and beside it the block's law."""
+    pushed = [(entry, shift_ns) for entry, shift_ns in bridging.shifted(contents) if isinstance(entry, Pushed)]
+    if not pushed:
+        return
+    header, protocol = contents.header, dataset.version(contents.header)
+    virtual, rig = protocol.table(Tapping), rigs.session_rig(storage.rig_path(path), header.rig_sha256)
+    parts = raw_frames(path, [entry for entry, _ in pushed])
+    begun_ns = contents.lines[0].t_ns
+    cycles = np.concatenate(
+        [cycles_of(part, later_ns=shift_ns - begun_ns) for part, (_, shift_ns) in zip(parts, pushed, strict=True)]
+    )
+    places = _places(cycles, virtual.rate_hz)
+    read = np.where(cycles["samples"][:, None] > 0, cycles["place_mm"], np.nan)
+    values = [one[:, axis] for axis in (0, 1) for one in (read, cycles["asked_n"], cycles["sent_n"])]
+    planar = tracker_of(rig).readings == 2
+    traces.write(
+        dataset.root,
+        header,
+        "force",
+        places=places,
+        columns={
+            name: bids.PhysioColumn(one.astype(float), text, unit, DECIMALS)
+            for one, (name, (text, unit)) in zip(values if planar else values[:3], COLUMNS.items(), strict=False)
+        },
+        rate_hz=virtual.rate_hz,
+        description=ABOUT,
+        origin=ORIGINS[dataset.purpose],
+        facts={
+            "Force": {
+                "StiffnessNewtonPerMetre": virtual.stiffness_n_m,
+                "DampingNewtonSecondPerMetre": virtual.damping_n_s_m,
+                **({} if virtual.mass_kg is None else {"BlockKilogram": virtual.mass_kg}),
+                "LimitNewton": largest_force_n(protocol.exposure.force_peak_n, rig.servo),
+                "Cycles": cycles.size,
+                "LostCycles": sum(entry.lost for entry, _ in pushed),
+            }
+        },
+    )
+
+
+def _places(cycles: NDArray[np.void], rate_hz: float) -> NDArray[np.float64]:
+    """Return where cycles stand on the grid, shape (n,): by the servo's deadlines since it was opened."""
+    anew = np.flatnonzero(np.diff(cycles["number"].astype(np.int64)) <= 0) + 1
+    met = cycles["cycle"].astype(float)
+    late = cycles["t_ns"] * (rate_hz / 1e9) - met
+    return np.concatenate(
+        [of + np.rint(np.median(by)) for of, by in zip(np.split(met, anew), np.split(late, anew), strict=True)]
+    )
+
+
+DATASET = DatasetKind(_cells, write=_write_force)

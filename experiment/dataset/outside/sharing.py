@@ -47,8 +47,8 @@ REASONS = (build.UNANSWERED, entries.ASKED_FOR, entries.PAUSED, landing.STOPPED,
 NOT_SHARED = "not shared"
 """What stands for a reason that somebody may have typed."""
 
-TRACE = re.compile(r"recording-foot\d*_physio\.(tsv\.gz|json)")
-"""What palpate writes of a foot; a laboratory's own recordings beside it are not shared."""
+TRACE = re.compile(r"recording-(foot|force)\d*_physio\.(tsv\.gz|json)")
+"""What palpate writes of a foot or a force; a laboratory's own recordings beside it are not shared."""
 
 UNLICENSED = "because no file stimuli/LICENSE states their licence"
 
@@ -60,7 +60,7 @@ INHERITED = ("InstitutionName", "InstitutionAddress", "InstitutionalDepartmentNa
 
 ALIKE = "alike in first task, shared facts and version of the protocol"
 
-OF_TRACES = ("SamplingFrequency", "StartTime", "Columns", "PhysioType", "TaskName", "Description")
+OF_TRACES = ("SamplingFrequency", "StartTime", "Columns", "PhysioType", "TaskName", "Description", "Force")
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ def _session(part: Path, dataset: Dataset, path: Path, label: str) -> bids.Files
         described = {"Description": "Trials of one session.", **json.loads(files[sidecar])}
         files[sidecar] = storage.json_bytes(described)
     before = bids.beh_path(dataset.root, header.participant, header.task, "")
-    for trace in sorted(before.parent.glob(f"{before.name}recording-foot*")):
+    for trace in sorted(before.parent.glob(f"{before.name}recording-fo*")):
         if not TRACE.fullmatch(trace.name.removeprefix(before.name)):
             continue
         content = storage.read_bytes(trace)

@@ -1,9 +1,10 @@
 """Models of what a comparison of two materials leaves in the journal."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
-from palpate.experiment.records.entries import Lines, OfAttempt, Outcome
+from palpate.experiment.records.entries import Entry, Lines, OfAttempt, Outcome, Trace
 from palpate.experiment.records.stimulus import DeviceUs, Onset, Stimulus, onset_line, played_line
+from palpate.experiment.storage import RAW
 
 Place = Literal["first", "second"]
 
@@ -39,6 +40,23 @@ class Tapped(OfAttempt):
     onset: Onset
 
 
+class ForceTrace(Trace):
+    """Where the force of some cycles of the servo stands in the session's file of it (`servo.record.CYCLE`)."""
+
+    file: ClassVar[str] = RAW[1]
+    recording: ClassVar[str] = "force"
+    of_what: ClassVar[tuple[str, str]] = "forces", "part"
+
+
+class Pushed(Entry):
+    """The force that was sent since the entry before, in `cycles` of the servo, of which `lost` more are missing."""
+
+    kind: Literal["pushed"] = "pushed"
+    trace: ForceTrace
+    cycles: int
+    lost: int
+
+
 def _laid_out(entry: PairLaidOut) -> str:
     return f"{entry.label}: {' and '.join(entry.presented)} are laid out"
 
@@ -55,4 +73,8 @@ def _tapped(entry: Tapped) -> str:
     )
 
 
-LINES: Lines = {PairLaidOut: _laid_out, Changed: _changed, Tapped: _tapped}
+def _pushed(entry: Pushed) -> str:
+    return f"the force of {entry.cycles} cycles of the servo is on record, and {entry.lost} are lost"
+
+
+LINES: Lines = {PairLaidOut: _laid_out, Changed: _changed, Tapped: _tapped, Pushed: _pushed}

@@ -467,6 +467,6 @@ KIND = SessionKind(
     _check_rig,
     f"{_ROOM}.fidelity",
     f"{_ROOM}.doctor",
-    frames=True,
+    frames=lambda _: Trace,
     recordings=f"{_ROOM}.preparation",
 )

@@ -258,4 +258,4 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
 
 
 _FIDELITY = "palpate.experiment.session.kinds.presented.fidelity"
-KIND = SessionKind(open_presented, _recorded, _check_rig, _FIDELITY, _FIDELITY, frames=False)
+KIND = SessionKind(open_presented, _recorded, _check_rig, _FIDELITY, _FIDELITY, frames=lambda _: None)

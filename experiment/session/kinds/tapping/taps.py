@@ -8,17 +8,20 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.panel.conditioning import Played
 from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.apparatus.servo.link import Servo
+from palpate.experiment.apparatus.servo.record import cycles_of, lost_cycles
 from palpate.experiment.apparatus.servo.rendering import AGAIN_MM, Felt, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
 from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.records.kinds.tapping import Place, Tapped
+from palpate.experiment.records.kinds.tapping import ForceTrace, Place, Pushed, Tapped
 from palpate.experiment.records.stimulus import Onset
 from palpate.experiment.session.kind import Lent, nothing_more
 from palpate.experiment.synthesis.contact.block import Block
@@ -44,6 +47,10 @@ LIT_NS, LATE_NS = 500_000_000, 200_000_000
 
 ENDS_NS = 150_000_000
 """So long after its end a vibration has been heard by the loopback, ns: `audio.actuator` looks 50 ms around it."""
+
+
+KEEPS_NS = 2_000_000_000
+"""So often force is put on disk, ns, but for a vibration that is on its way. Ours."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +103,8 @@ class Taps:
         """Where the hand touched a surface since this was cleared."""
         self.last = ""
         """How fast the last touch was."""
-        self._dark_ns = 0
+        self._dark_ns = self._number = 0
+        self._kept_ns = self.lent.clock.now_ns()
         self.failed: PalpateError | None = None
         """Why nothing is rendered any more; None while all is well."""
         self._lock = threading.Lock()
@@ -121,9 +129,11 @@ class Taps:
 
     def lay(self, lying: Lying | None) -> None:
         """Have the hand meet a surface from now on, or none. What vibrates goes on record first."""
+        force = self.servo.forces()
         with self._lock:
             self._settle(wait=True)
             self._withdraw()
+            self._keep(force)
             if (lying is None) != (self._lying is None):
                 self._there = lying is not None
                 self.servo.render(self.block if self._there else None, self.lent.limits.ends_ns)
@@ -153,6 +163,7 @@ class Taps:
                         if felt.fast:
                             self._dark_ns = self.lent.clock.now_ns() + LIT_NS
                         self._follow(felt)
+                    self._keep_now_and_then()
             except PalpateError as error:
                 self.servo.render(None)
                 self.actuator.withdraw()
@@ -261,6 +272,21 @@ class Taps:
                 onset=onset,
             )
         )
+
+    def _keep_now_and_then(self) -> None:
+        clock = self.lent.clock
+        if self._there and self._sounding is None and not clock.simulated and clock.now_ns() > self._kept_ns + KEEPS_NS:
+            self._keep(self.servo.forces())
+
+    def _keep(self, raw: bytes) -> None:
+        """Put on record the force that was sent since this was called last."""
+        self._kept_ns = self.lent.clock.now_ns()
+        if not raw:
+            return
+        numbers = cycles_of(raw)["number"].astype(np.int64)
+        lost, self._number = lost_cycles(numbers, self._number), int(numbers[-1]) + 1
+        trace = ForceTrace.model_validate(self.lent.log.keep(raw).model_dump())
+        self.lent.log.write(Pushed(trace=trace, cycles=numbers.size, lost=lost))
 
     def _withdraw(self) -> None:
         if self._sounding is not None:

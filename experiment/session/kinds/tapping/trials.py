@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.desk.questions import Place
 from palpate.experiment.protocol.models import Protocol, Task
-from palpate.experiment.records.entries import PlannedTrial
-from palpate.experiment.records.kinds.tapping import PairLaidOut
+from palpate.experiment.records.entries import PlannedTrial, Trace
+from palpate.experiment.records.kinds.tapping import ForceTrace, PairLaidOut
 from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Seen, SessionKind, Sitting
 
 if TYPE_CHECKING:
@@ -65,9 +65,13 @@ def _recorded(protocol: Protocol, tasks: Sequence[Task]) -> set[str]:  # noqa: A
     return set()
 
 
+def _frames(task: Task) -> type[Trace] | None:
+    return None if task.stimulus == "real" else ForceTrace
+
+
 def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
     """Real samples need no rig; what renders surfaces is judged by `_judge`."""
 
 
 _VIRTUAL = "palpate.experiment.session.kinds.tapping.virtual"
-KIND = SessionKind(open_comparisons, _recorded, _check_rig, _VIRTUAL, _VIRTUAL, frames=False)
+KIND = SessionKind(open_comparisons, _recorded, _check_rig, _VIRTUAL, _VIRTUAL, _frames)

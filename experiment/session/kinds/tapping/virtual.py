@@ -17,6 +17,7 @@ from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.servo import budget, passivity
 from palpate.experiment.apparatus.servo.link import Servo
 from palpate.experiment.apparatus.servo.opening import open_servo, refuse_system, servo_of
+from palpate.experiment.apparatus.servo.settings import largest_force_n
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import day
@@ -123,7 +124,7 @@ def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tup
 
 def limit_n(protocol: Protocol, rig: Rig) -> float:
     """Return the largest force that a rig gives in a study, N."""
-    return min(protocol.exposure.force_peak_n or 0.0, servo_of(rig).full_scale_n)
+    return largest_force_n(protocol.exposure.force_peak_n, servo_of(rig))
 
 
 def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:

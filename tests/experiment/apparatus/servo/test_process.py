@@ -12,11 +12,13 @@ from dataclasses import asdict, dataclass, field, replace
 from math import inf, nan
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from palpate.experiment.apparatus.servo import process
 from palpate.experiment.apparatus.servo.process import (
     BEAT,
+    FORCE,
     HEARTBEAT_NS,
     RENDER,
     SILENT_NS,
@@ -26,6 +28,7 @@ from palpate.experiment.apparatus.servo.process import (
     Orders,
     Servo,
 )
+from palpate.experiment.apparatus.servo.record import cycles_of
 from palpate.experiment.apparatus.servo.rendering import FALLS_NS, NO_FORCE
 from palpate.experiment.apparatus.tracker.frames import encode
 from palpate.experiment.errors import ServoError
@@ -63,6 +66,7 @@ class World:
     last_beat_ns: int = 0
     session: Line = field(init=False)
     heard: list[tuple[int, bytes, int]] = field(default_factory=list)
+    session_end: list[tuple[int, bytes, int]] = field(default_factory=list)
     pushed: list[tuple[int, Pair]] = field(default_factory=list)
     dropped: int = 0
 
@@ -131,6 +135,8 @@ def run(world: World, monkeypatch: pytest.MonkeyPatch, *, until_ns: int = FAILS_
         servo.run()
     if world.dead or world.gone:
         servo.close()
+    with suppress(EOFError):
+        world.session_end = world.session.hear()
     ours.close()
     theirs.close()
     return servo, pulse[0]
@@ -148,6 +154,21 @@ def test_a_hand_that_presses_is_pushed_and_may_be_vibrated(monkeypatch: pytest.M
     _, pulse_ns = run(world, monkeypatch)
     assert world.pushed[-1][1][0] == pytest.approx(800.0 * 2e-3, rel=0.01)
     assert world.now_ns - pulse_ns < SILENT_NS
+
+
+def test_the_force_of_each_cycle_near_the_block_is_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(dead=True)
+    run(world, monkeypatch)
+    cycles = cycles_of(b"".join(content for kind, content, _ in [*world.heard, *world.session_end] if kind == FORCE))
+    assert cycles["number"].tolist() == list(range(cycles.size))
+    assert set(np.diff(cycles["cycle"])) == {1}
+    sent = dict(world.pushed)
+    at_ns = cycles["t_ns"].tolist()
+    assert cycles["sent_n"].tolist() == [pytest.approx(sent[one]) for one in at_ns]
+    # The hand comes down at 100 mm/s, and one count is 1 um.
+    height_mm = np.maximum(2.0 - (np.array(at_ns) - BEGINS_NS) * 1e-7, -2.0)
+    assert np.abs(cycles["place_mm"][:, 0] - height_mm).max() < 0.1
+    assert at_ns[-1] == FAILS_NS - PERIOD_NS
 
 
 def test_a_hand_that_slides_is_pushed_back_along_the_face(monkeypatch: pytest.MonkeyPatch) -> None:

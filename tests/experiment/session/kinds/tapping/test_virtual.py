@@ -15,17 +15,20 @@ import numpy as np
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
+from palpate.experiment import storage
+from palpate.experiment.apparatus.servo.record import ForceRecord
 from palpate.experiment.apparatus.servo.rendering import Felt, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.landing import LandingPredictor
 from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset import build
 from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.records import transcript
 from palpate.experiment.records.entries import Answer, PlannedTrial, Redo
-from palpate.experiment.records.kinds.tapping import Changed, Place, Tapped
+from palpate.experiment.records.kinds.tapping import Changed, Place, Pushed, Tapped
 from palpate.experiment.rehearsal.kinds.tapping import hand
 from palpate.experiment.session import attempt, exposure, runner
 from palpate.experiment.session.kind import Lent
@@ -62,6 +65,7 @@ class ScriptedServo:
         self.rendered: list[Block | None] = []
         self.ends_ns: set[int | None] = set()
         self.reconnected = self.beats = 0
+        self.sent = b""
 
     def is_live(self) -> bool:
         return True
@@ -72,6 +76,10 @@ class ScriptedServo:
 
     def beat(self) -> None:
         self.beats += 1
+
+    def forces(self) -> bytes:
+        force, self.sent = self.sent, b""
+        return force
 
     def tell(self, what: Felt | PalpateError) -> None:
         """Have the hand do something, and return once the session has dealt with it."""
@@ -131,10 +139,18 @@ class Devices(virtual.SurfaceDevices):
 class Session:
     """One session of virtual surfaces: at each question, what the hand does, and the key that follows."""
 
-    def __init__(self, script: Script, dataset: Path, *, lead_ns: int = 0, felt: tuple[Place, ...] = PLACES) -> None:
+    def __init__(
+        self,
+        script: Script,
+        dataset: Path,
+        *,
+        lead_ns: int = 0,
+        felt: tuple[Place, ...] = PLACES,
+        servo: ScriptedServo | None = None,
+    ) -> None:
         """Begin; the hand has been at the places `felt` before it does what the script says."""
         clock = ManualClock(START_NS)
-        self.servo, self.actuator, self.dataset = ScriptedServo(), ScriptedActuator(), dataset
+        self.servo, self.actuator, self.dataset = servo or ScriptedServo(), ScriptedActuator(), dataset
         self.actuator.lead_ns = lead_ns
         hands = deque(hand for hand, _ in script)
         self.left: list[bool] = []
@@ -204,6 +220,26 @@ def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(
     told = transcript.text(contents(tmp_path))
     lines = [line.partition("trial ")[2] for line in told.splitlines()]
     assert [line for line in lines if "changed" in line or "tapped" in line] == approved
+
+
+def test_the_force_that_was_sent_is_on_record_with_what_is_lost(tmp_path: Path) -> None:
+    begun, record = [], ForceRecord()
+    cycles = [record.add(n, START_NS + n * 400_000, 1, (-0.1, 0.0), (1.0, 0.0), (0.9, 0.0)) for n in range(3 * 64)]
+    first, lost, third = [one for one in cycles if one]
+
+    class Sending(ScriptedServo):
+        def render(self, block: Block | None, ends_ns: int = 0) -> None:
+            super().render(block, ends_ns)
+            begun.append(self)
+            self.sent = first if len(begun) == 1 else third if len(begun) == 2 else b""
+
+    Session([([touch(100.0)], "1"), ([touch(100.0, 2_000_000)], "2")], tmp_path, servo=Sending())
+    pushed = [one for one in contents(tmp_path).entries if isinstance(one, Pushed)]
+    assert [(one.cycles, one.lost) for one in pushed] == [(64, 0), (64, 64)]
+    path = storage.raw_path(storage.journal_path(tmp_path, "01", "live"), "force.bin")
+    assert path.read_bytes() == first + third
+    assert build.raw_frames(storage.journal_path(tmp_path, "01", "live"), pushed) == [first, third]
+    assert len(lost) == len(first)
 
 
 def test_no_answer_is_taken_before_both_surfaces_were_tapped(tmp_path: Path, approved: SnapshotAssertion) -> None:
