@@ -4,7 +4,7 @@ A simulated hand taps, by a tracker of 2,500 frames a second on a serial line, a
 servo runs in its own process, and the simulated device, in another one, keeps what it pushed. As many processes as
 `BURNERS` use the processor meanwhile. Told are the cycles that the servo made, missed and began more than 2 ms late;
 how often the device dropped its force; the largest force; the time between two messages, at the device; and what one
-cycle's arithmetic costs: a step of rendering that touches.
+cycle's arithmetic costs: a step of the observer, of rendering that touches, and of the record.
 
 Not a test: it asserts nothing, because these figures belong to the machine that printed them.
 """
@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from math import inf
 from pathlib import Path
 
@@ -25,7 +26,9 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.servo import rendering
 from palpate.experiment.apparatus.servo.link import ServoProcess
+from palpate.experiment.apparatus.servo.observer import TOLD_KG, Observer, Seen
 from palpate.experiment.apparatus.servo.process import Orders
+from palpate.experiment.apparatus.servo.record import ForceRecord
 from palpate.experiment.apparatus.servo.rendering import Rendered
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.protocol.files import shipped
@@ -33,7 +36,7 @@ from palpate.experiment.rehearsal.kinds.tapping import hand
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
-from palpate.experiment.synthesis.contact.block import Block
+from palpate.experiment.synthesis.contact.block import Block, Pair
 from tests.rig.pressing import rendered
 from tests.rig.pushes import pushed
 
@@ -88,15 +91,28 @@ def measured(seconds: float) -> None:
 
 
 def cost() -> None:
-    """Print what a step of rendering costs while the hand presses, us."""
-    at, took = Rendered(), []
-    for n in range(20_000):
-        mm = 1.0 - n * 0.04 if n < 50 else -1.0 - 0.1 * np.sin(n / 30)
-        begun = time.perf_counter_ns()
-        at, _ = rendering.step(BLOCK, at, n * 400, (float(mm), 0.0))
-        took.append(time.perf_counter_ns() - begun)
-    told = ", ".join(f"p{p:g} {np.percentile(took, p) / 1e3:.1f}" for p in (50, 99.9))
-    print(f"a step of rendering that presses, us: {told}")
+    """Print what the arithmetic of a cycle costs while the hand presses, us: the observer alone, and what is around."""
+    observer, record = Observer(1 / RATE_HZ, 5e-6, TOLD_KG), ForceRecord()
+    places = [(1.0 - n * 0.04 if n < 50 else -1.0 - 0.1 * float(np.sin(n / 30)), 0.0) for n in range(20_000)]
+    at, seen = Rendered(), Seen(0.0, 0.0)
+    steps: dict[str, Callable[[int, Pair], object]] = {
+        "observer": lambda _, place: observer.step(seen, place, 4e-4, (1.0, 0.0)),
+        "rendering, with it": lambda n, place: rendering.step(BLOCK, at, n * 400, place, observer, at.force_n, LIMIT_N),
+        "record": lambda n, place: record.add(n, n * 400_000, 1, place, at.force_n, at.force_n),
+    }
+    took: dict[str, list[int]] = {name: [] for name in steps}
+    for n, place in enumerate(places):
+        for name, step in steps.items():
+            begun = time.perf_counter_ns()
+            made = step(n, place)
+            took[name].append(time.perf_counter_ns() - begun)
+            if isinstance(made, Seen):
+                seen = made
+            elif isinstance(made, tuple):
+                at = made[0]
+    for name, each in took.items():
+        told = ", ".join(f"p{p:g} {np.percentile(each, p) / 1e3:.2f}" for p in (50, 99, 99.9))
+        print(f"a step of a hand that presses, us: {name} {told}")
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
 """SIMULATED hand: how it taps, at the far end of the tracker's line; `wires.foot` is its sensor and firmware.
 
-A tap is a minimum jerk reach that aims below the face, is stopped there by the fingers' compliance (exponentially),
-presses for a moment, and is lifted. Meanwhile it reaches along the face and back, which a planar tracker sees. The
-force does not push it. Speeds are ours, mostly below the 175 mm/s of Wellman and Howe.
+A tap is meant as a minimum jerk reach that aims below the face, slows down in there, and is lifted. Meanwhile it
+reaches along the face and back, which a planar tracker sees. `pushed` has what the force makes of it. Speeds are ours,
+mostly below the 175 mm/s of Wellman and Howe.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ REST_MM = 8.0
 SPEED_MEDIAN_MM_S, SPEED_SIGMA = 110.0, 0.2
 """Speeds of touch are log-normal, mm/s: one in 100 is above 175. Ours."""
 
-YIELDS_S, PRESSES_S, LIFTS_S = 0.006, 0.04, 0.1
-"""How fast the fingers yield, how long they press, and how long the lift takes, s. Ours."""
+PRESSES_S, LIFTS_S = 0.04, 0.1
+"""How long a tap goes on below the face, and how long the lift takes, s. Ours."""
 
 SLIDES_MM = 2.0
 """Standard deviation of how far it moves along the face, either way, mm. Ours."""
@@ -27,7 +27,7 @@ _KNOT_S = 0.00025
 
 
 def tap(rng: np.random.Generator, speed_mm_s: float | None = None) -> Trajectory:
-    """Return one tap from `REST_MM`; a speed of touch, mm/s, is drawn unless it is given."""
+    """Return one tap from `REST_MM`, as it is meant; a speed of touch, mm/s, is drawn unless it is given."""
     if speed_mm_s is None:
         speed_mm_s = float(rng.lognormal(np.log(SPEED_MEDIAN_MM_S), SPEED_SIGMA))
     # Minimum jerk over 2 REST_MM has its largest speed, 15/8 of the mean, at the face.
@@ -35,7 +35,8 @@ def tap(rng: np.random.Generator, speed_mm_s: float | None = None) -> Trajectory
     s = np.arange(0.0, 0.5, _KNOT_S / falls_s)
     down_s, down_mm = s * falls_s, REST_MM - 2 * REST_MM * progress(s)
     after_s = np.arange(0.0, PRESSES_S, _KNOT_S)
-    press_mm = -speed_mm_s * YIELDS_S * (1 - np.exp(-after_s / YIELDS_S))
+    s = after_s / PRESSES_S
+    press_mm = -speed_mm_s * PRESSES_S * (s - s**3 + s**4 / 2)
     s = np.arange(0.0, 1.0, _KNOT_S / LIFTS_S)
     lift_mm = press_mm[-1] + (REST_MM - press_mm[-1]) * progress(s)
     contact_s, lifted_s = falls_s / 2, falls_s / 2 + PRESSES_S

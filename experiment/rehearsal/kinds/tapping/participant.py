@@ -21,7 +21,7 @@ from palpate.experiment.protocol.kinds.tapping import Tapping, rendered
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.designs import Percept, judge_of
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
-from palpate.experiment.rehearsal.kinds.tapping import hand, surfaces
+from palpate.experiment.rehearsal.kinds.tapping import hand, pushed, surfaces
 from palpate.experiment.rehearsal.participant import SimulatedPerson
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
@@ -53,12 +53,16 @@ _LOOK_S = 0.0005
 
 @dataclass(frozen=True)
 class Fingers:
-    """A hand at the tracker's line, powered at session time `powered_ns`, and the vibration it feels, at `rate_hz`."""
+    """A hand at the tracker's line, powered at session time `powered_ns`, and the vibration it feels, at `rate_hz`.
+
+    It holds a `device`; None where nothing pushes it.
+    """
 
     foot: Foot
     powered_ns: int
     panel: Panel | CardPanel | None
     rate_hz: int
+    device: pushed.Device | None = None
 
 
 @dataclass(kw_only=True)
@@ -124,6 +128,8 @@ class SimulatedTapper(SimulatedPerson):
         while fingers.panel.felt(0) is not None:
             self.show("The participant felt a vibration of a tap that did not count")
         path = hand.tap(rng)
+        if fingers.device is not None:
+            path = pushed.moved(path, fingers.device)
         # Simulated time passes before the tap, and again once the tap is on record: no time on record depends on the
         # machine.
         begin_ns = max(
@@ -152,7 +158,8 @@ def _person(parts: Parts, **everybody: Any) -> SimulatedTapper:
     """Return a participant who taps: with a hand at the tracker's line virtual surfaces, and without one samples."""
     fingers = None
     if parts.foot is not None:
-        fingers = Fingers(parts.foot, parts.powered_ns, parts.panel, parts.rig.actuator.rate_hz)
+        held = pushed.device_of(everybody["protocol"], parts.rig)
+        fingers = Fingers(parts.foot, parts.powered_ns, parts.panel, parts.rig.actuator.rate_hz, held)
     return SimulatedTapper(**everybody, fingers=fingers)
 
 
