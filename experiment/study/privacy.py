@@ -43,7 +43,7 @@ _KNOWN = re.compile(
     |sourcedata/(protocol(-\d+)?(\.seal)?\.toml|(seed|rehearsal|shared)\.json|roster\.(jsonl|head)|anchors\.log|README|\w+\.csv
         |\.roster\.jsonl\.lock|\.study\.lock
         |sub-(?P<who>\w+)/(\.sub-(?P=who)\.lock|sub-(?P=who)_(withdrawn|shared|facts)\.json|voices/[\w.-]+|[\w-]+\.(csv|toml)
-            |sub-(?P=who)_task-\w+_(journal\.(jsonl|head)|foot\.cobs))))""",
+            |sub-(?P=who)_task-\w+_(journal\.(jsonl|head)|foot\.cobs|force\.bin))))""",
     re.VERBOSE | re.DOTALL,
 )
 """Every file that palpate writes into a dataset, by its path inside."""

@@ -15,7 +15,7 @@ from tests.portable import matrix
 from tests.portable.commands import Ended, Masked
 from tests.portable.matrix import FAULTS, REFUSED, Command
 
-NO_TEXTS = (".cobs", ".gz", ".npz", ".pdf", ".png", ".svg", ".wav")
+NO_TEXTS = (".bin", ".cobs", ".gz", ".npz", ".pdf", ".png", ".svg", ".wav")
 """Endings of files in which a carriage return is a byte like others, or which a library draws."""
 
 

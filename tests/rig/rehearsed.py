@@ -31,7 +31,7 @@ def assert_all_say(root: Path, label: str) -> None:
         if (
             not path.is_file()
             or path.name == "protocol.toml"
-            or path.suffix in (".lock", ".cobs", ".head", ".wav", ".gz")
+            or path.suffix in (".lock", ".bin", ".cobs", ".head", ".wav", ".gz")
         ):
             continue
         text = path.read_text("utf-8")

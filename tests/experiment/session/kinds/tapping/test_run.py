@@ -69,7 +69,7 @@ def test_a_session_of_real_samples_needs_no_device(tmp_path: Path, monkeypatch: 
     )
     assert (footer.reason, footer.answered) == ("complete", 30)
     assert len(desk.placed) == 30
-    assert list(root.rglob("*.cobs")) == []
+    assert [*root.rglob("*.cobs"), *root.rglob("*.bin")] == []
     journal = next(root.rglob("*_journal.jsonl")).read_text("utf-8")
     assert "The experimenter confirmed: " in journal
     assert any(shown.startswith("For the lab") for shown in desk.shown)
