@@ -34,11 +34,19 @@ CLIPPED_RUN = 3
 CROWDED = 10
 """So many times more samples at an end than at the value next to it look clipped. Ours."""
 
-CROWDED = 10
-"""So many times more samples at an end than at the value next to it look clipped. Ours."""
+MARKED, OVERLOAD, FAR = 99.0, 1e30, 10.0
+"""Marks of missing samples are as large as this, a single one as large as that, and so far from the others. Ours."""
 
 RESTS = 0.5
 """A signal that stands at an end for this share of its samples or more rests there."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A value that stands for missing samples, and how many."""
+
+    value: float
+    samples: int
 
 
 @dataclass(frozen=True)
@@ -165,6 +173,24 @@ def clipping(samples: NDArray[np.generic]) -> Clipping | None:
             ends.append(sign * end)
             lengths += runs.tolist()
     return Clipping(sum(lengths), len(lengths), tuple(ends)) if len(lengths) > 1 else None
+
+
+def mark(samples: NDArray[np.generic]) -> Mark | None:
+    """Return a value that stands for missing or overloaded samples, as loggers write -999 and scopes 9.9e37.
+
+    It is a whole number, `MARKED` or more without its sign, further from all other samples than `FAR` times the range
+    of these, and stands there twice at least, or is beyond `OVERLOAD`.
+    """
+    values = samples.astype(np.float64)
+    for value in (float(values.max()), float(values.min())):
+        others = values[values != value]
+        often = values.size - others.size
+        if abs(value) < MARKED or not value.is_integer() or others.size < 2:
+            continue
+        gap = float(np.abs(others - value).min())
+        if gap > FAR * float(np.ptp(others)) > 0 and (often > 1 or abs(value) > OVERLOAD):
+            return Mark(value, often)
+    return None
 
 
 def _rounded(times_s: Floats) -> Grid | None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.errors import Finding, PalpateError, RecordingError
+from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy
 from palpate.experiment.recordings import grid
 from palpate.experiment.recordings.axes import REDUCTIONS, Reduction
 from palpate.experiment.recordings.formats import format_of
@@ -230,7 +230,7 @@ def _from_channels(binary: Format, content: bytes, stated: Stated) -> _Table:
     channels, missing = binary.read(content)
     columns = [
         _Column(heading(held.name).name, held.unit or heading(held.name).unit, held.values,
-                range(1, held.values.size + 1), held.step_s)
+                range(1, held.values.size + 1), held.step_s, held.dimension)
         for held in channels
     ]  # fmt: skip
     if not columns:
@@ -457,6 +457,7 @@ def _recording(file: str, table: _Table, stated: Stated, channel: str | None) ->
     elif claimed_hz is not None:
         on, claimed_hz = grid.Grid(claimed_hz, 0.0), None
         source = "header, no time column to check it against"
+        doubts += _doubts(file, on.rate_hz, stated.remedy("if that is wrong, state the rate", "--rate", "HZ"))
     else:
         raise RecordingError(
             f"got neither times nor a rate for channel {chosen.name!r}",
@@ -487,7 +488,9 @@ def _on_grid(
     if made is not None:
         samples, doubts = made.samples, (_resampled(file, signal.name, made),)
     rounded = (_rounded(file, on),) if on.resolution_s else ()
-    return on, samples, (*doubts, *rounded, *_doubts(file, on.rate_hz, stated))
+    likely = likely_unit(1 / on.rate_hz, 0.0)
+    remedy = stated.remedy(f"if its times are in {likely}, state it", "--time-unit", likely)
+    return on, samples, (*doubts, *rounded, *_doubts(file, on.rate_hz, remedy))
 
 
 def _since_first(clock: _Column, unit_s: float) -> NDArray[np.float64]:
@@ -521,6 +524,10 @@ def _resampled(file: str, channel: str, made: grid.Resampled) -> Finding:
 
 
 def _clipped(file: str, channel: str, samples: NDArray[Any]) -> tuple[Finding, ...]:
+    if (mark := grid.mark(samples)) is not None:
+        what = f"{channel} is {mark.value:g} in {mark.samples} samples, far from all others: a mark of missing ones?"
+        remedy = "take them out, and have the rest resampled"
+        return (Finding(what, where=file, remedy=remedy, verdict="warns", check="marks"),)
     if (found := grid.clipping(samples)) is None:
         return ()
     ends = " and ".join(f"{end:.6g}" for end in found.ends)
@@ -551,16 +558,15 @@ def _unit_s(clock: _Column, stated: Stated) -> float:
     )
 
 
-def _doubts(file: str, rate_hz: float, stated: Stated) -> tuple[Finding, ...]:
+def _doubts(file: str, rate_hz: float, remedy: Remedy | str) -> tuple[Finding, ...]:
     if SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
         return ()
-    likely = likely_unit(1 / rate_hz, 0.0)
     return (
         Finding(
             f"got a rate of {rate_hz:.4g} Hz, which is implausible for a vibration",
             where=file,
             allowed=f"{SLOWEST_HZ:g} Hz to {FASTEST_HZ / 1e6:g} MHz",
-            remedy=stated.remedy(f"if its times are in {likely}, state it", "--time-unit", likely),
+            remedy=remedy,
             verdict="warns",
             check="rate",
         ),

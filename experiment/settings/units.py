@@ -90,7 +90,7 @@ def time_unit(column: Heading) -> str:
     """Return the unit of a clock, a key of `SECONDS`; empty where its heading says none or one that is not known."""
     if column.unit:
         return _TIMES.get(column.unit.lower().strip(". "), "")
-    stated = {_TIMES[word] for word in _words(column.name) if word in _TIMES}
+    stated = {_TIMES[word] for word in _words(column.name.rpartition("/")[2]) if word in _TIMES}
     return stated.pop() if len(stated) == 1 else ""
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.formats.interface import (
+    SCALES,
     Channel,
     Format,
     channels_of,
@@ -21,7 +22,6 @@ from palpate.experiment.recordings.formats.interface import (
 )
 
 NAME = "HDF5"
-SCALES = frozenset(("scale", "gain", "scaling", "calibration", "slope", "sensitivity", "conversion"))
 UNITS = ("unit", "units", "unit_string", "Unit", "Units")
 
 
@@ -39,10 +39,12 @@ def read(content: bytes) -> tuple[list[Channel], str]:
                     steps[group.name.strip("/")] = step
             found = []
             for name, one in held:
-                unit = next((str(_text(one.attrs[key])) for key in UNITS if key in one.attrs), "")
+                units = next((_texts(one.attrs[key]) for key in UNITS if key in one.attrs), [""])
                 own = _of_attributes(one)
                 step = own if own > 0 else nearest(name.rpartition("/")[0], steps)
-                found += channels_of(name, _scaled(name, one), unit, step)
+                channels = channels_of(name, _scaled(name, one), units[0] if len(units) == 1 else "", step)
+                own_units = units if len(units) == len(channels) else [channel.unit for channel in channels]
+                found += [channel._replace(unit=unit) for channel, unit in zip(channels, own_units, strict=True)]
     except (OSError, ValueError, KeyError, RuntimeError, OverflowError) as error:
         raise RecordingError(
             f"got a damaged file of {NAME} ({error})", remedy="export it again", allowed="a whole one"
@@ -86,8 +88,9 @@ def _step_s(name: str, one: Any) -> float:
     return stated_step_s(name.rpartition("/")[2], one[()]) if one.size == 1 else np.nan
 
 
-def _text(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+def _texts(value: Any) -> list[str]:
+    every = np.asarray(value).reshape(-1).tolist()
+    return [one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one) for one in every]
 
 
 FORMAT = Format(NAME, (b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3 MAT-file"), read)

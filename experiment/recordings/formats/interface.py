@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.settings.delimited import LARGEST
 
+SCALES = frozenset(("scale", "gain", "scaling", "calibration", "slope", "sensitivity", "conversion"))
+"""Names, in small letters, of what may scale the numbers beside it: nobody knows how."""
+
 RATES = frozenset(
     ("fs", "rate", "rate_hz", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "srate", "fsample",
      "samplingfrequency", "sampling_frequency", "sfreq")
@@ -20,12 +23,16 @@ STEPS = frozenset(("dt", "delta_t", "sample_interval", "sampleinterval", "tsampl
 
 
 class Channel(NamedTuple):
-    """A channel: its values, shape (n,), their unit, empty without one, and the time between them, s, NaN without."""
+    """A channel: its values, shape (n,), their unit, empty without one, and the time between them, s, NaN without.
+
+    `dimension` is what it stands over, `Time` for a recording.
+    """
 
     name: str
     values: NDArray[Any]
     unit: str = ""
     step_s: float = np.nan
+    dimension: str = "Time"
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.formats.interface import (
+    SCALES,
     Channel,
     Format,
     channels_of,
@@ -22,7 +23,7 @@ from palpate.experiment.recordings.formats.interface import (
     stated_step_s,
 )
 from palpate.experiment.settings.delimited import LARGEST
-from palpate.experiment.settings.units import is_clock
+from palpate.experiment.settings.units import Heading, is_clock, time_unit
 
 NAME = "MAT"
 MATRIX, COMPRESSED = 14, 15
@@ -73,10 +74,20 @@ def read(content: bytes) -> tuple[list[Channel], str]:
         )
     steps = {group: step for name, values in numbers for group, own in (_split(name),)
              if (step := stated_step_s(own, values)) > 0}  # fmt: skip
+    scales = {
+        _split(name)[0]: name for name, values in numbers if values.size == 1 and _split(name)[1].lower() in SCALES
+    }
     found: list[Channel] = []
     for name, values in numbers:
         group, own = _split(name)
-        unit = "" if is_clock(own) else units.get(group, "")
+        if values.dtype.kind in "iu" and values.size > 1 and group in scales:
+            raise RecordingError(
+                f"got {name} in whole numbers beside {scales[group]!r}, which may scale them",
+                remedy="save it in its unit",
+                allowed="samples as they were measured",
+            )
+        unit = units.get(group, "")
+        unit = unit if is_clock(own) == bool(unit and time_unit(Heading("", unit))) else ""
         found += channels_of(name, values, unit, nearest(group, steps))
     return found, ""
 

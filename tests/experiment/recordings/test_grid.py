@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import RecordingError, Remedy
-from palpate.experiment.recordings.grid import LONGEST_GAP, clipping, even, resampled
+from palpate.experiment.recordings.grid import LONGEST_GAP, clipping, even, mark, resampled
 from palpate.experiment.recordings.readers import Axes, read
 from palpate.experiment.settings.delimited import Stated
 from tests.approved import Refuses
@@ -147,3 +147,25 @@ def test_a_signal_that_rests_at_zero_is_not_clipped_there() -> None:
     gated = np.tile([0.0, 0, 0, 0, 0.3, 0.5, 0.9, 0.7, 0.4, 0.2, 0.6, 0.8], 50)
     gated[gated > 0] += np.random.default_rng(1).uniform(0, 0.1, np.count_nonzero(gated))
     assert clipping(gated) is None
+
+
+@pytest.mark.parametrize(("value", "often"), [(-999.0, 2), (9.9e37, 1), (-32768.0, 5)])
+def test_a_value_far_from_all_others_is_a_mark_of_missing_samples(value: float, often: int, tmp_path: Path) -> None:
+    times = np.arange(400) / 1000
+    samples = _wave(times)
+    samples[50 : 50 + often] = value
+    found = mark(samples)
+    assert found is not None
+    assert (found.value, found.samples) == (value, often)
+    path = tmp_path / "marked.csv"
+    rows = "".join(f"{at:.3f},{one!r}\n" for at, one in zip(times, samples.tolist(), strict=True))
+    path.write_text(f"time (s),x (g)\n{rows}", "utf-8")
+    assert [doubt.check for doubt in read(path).doubts] == ["marks"]
+
+
+def test_taps_pulses_and_steps_hold_no_marks() -> None:
+    times = np.arange(2000) / 1000
+    tap = 500 * np.exp(-60 * times) * np.sin(2 * np.pi * 120 * times)
+    pulses = np.where(np.arange(2000) % 100 == 0, 200.0, 0.0)
+    steps = np.where(times < 1, 100.0, 900.0)
+    assert [mark(one) for one in (_wave(times), tap, np.round(tap), pulses, steps)] == [None] * 5

@@ -245,3 +245,51 @@ def test_a_rate_is_that_of_its_own_structure_or_group_and_of_those_within(tmp_pa
         file["acc"] = SAMPLES
     rates = [read(path, channel=name).rate_hz for name in ("run1/acc", "run10/acc", "acc")]
     assert rates == pytest.approx([1000.0, 2000.0, 500.0])
+
+
+def test_the_increment_of_a_waveform_is_in_its_own_unit_and_over_time_alone(tmp_path: Path) -> None:
+    def written(over: str, unit: str, step: float) -> Path:
+        about = {"wf_increment": step, "wf_xname": over, "wf_xunit_string": unit}
+        with nptdms.TdmsWriter(str(tmp_path / f"{unit}.tdms")) as writer:
+            writer.write_segment([nptdms.ChannelObject("taps", "acceleration", SAMPLES, properties=about)])
+        return tmp_path / f"{unit}.tdms"
+
+    for over, unit, step in (("Time", "ms", 0.3125), ("", "us", 312.5), ("Time", "s", 1 / RATE_HZ)):
+        assert read(written(over, unit, step)).rate_hz == pytest.approx(RATE_HZ, rel=1e-12)
+    for over, unit in (("Frequency", "Hz"), ("", "Hz"), ("Time", "samples")):
+        with pytest.raises(RecordingError):
+            read(written(over, unit, 8.0))
+
+
+def test_a_structure_with_the_name_of_a_unit_says_none_and_a_unit_of_time_is_that_of_its_clock(tmp_path: Path) -> None:
+    path = tmp_path / "taps.mat"
+    savemat(path, {"S": {"time": TIMES_S * 1e3, "acc": SAMPLES}})
+    with pytest.raises(RecordingError):
+        read(path)
+    savemat(path, {"S": {"time": TIMES_S * 1e3, "acc": SAMPLES, "unit": "ms"}})
+    made = read(path)
+    assert made.rate_hz == pytest.approx(RATE_HZ)
+    assert made.unit == ""
+
+
+def test_whole_numbers_beside_a_scale_of_their_own_are_refused(tmp_path: Path) -> None:
+    path, counts = tmp_path / "taps.mat", np.round(SAMPLES * 1e4).astype(np.int16)
+    savemat(path, {"acc": counts, "scale": 1e-4, "fs": RATE_HZ})
+    with pytest.raises(RecordingError):
+        read(path)
+    savemat(path, {"acc": SAMPLES, "scale": 1e-4, "fs": RATE_HZ})
+    np.testing.assert_array_equal(read(path).samples, SAMPLES)
+
+
+def test_each_column_of_a_dataset_has_the_unit_that_stands_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "taps.h5"
+    with h5py.File(path, "w") as file:
+        file["data"] = np.column_stack([SAMPLES, 2 * SAMPLES])
+        file["data"].attrs["units"] = ["g", "N"]
+        file["data"].attrs["fs"] = RATE_HZ
+    assert [read(path, channel=one).unit for one in ("1", "2")] == ["g", "N"]
+
+
+def test_a_rate_of_a_header_that_is_implausible_is_a_doubt(tmp_path: Path) -> None:
+    savemat(tmp_path / "taps.mat", {"acc": SAMPLES, "dt": 0.3125})
+    assert [doubt.check for doubt in read(tmp_path / "taps.mat").doubts] == ["rate"]
