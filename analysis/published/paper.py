@@ -253,6 +253,9 @@ def _add_confusion(
     passed.cells(where, unread)
     if not cells:
         raise _Unknown("no cell holds a mean, or a mean and an SD")
+    if len(cells) == len(materials) ** 2 and _stands_in_rows(cells):
+        cells = [{**cell, "presented": cell["answered"], "answered": cell["presented"]} for cell in cells]
+        where += ", answers in rows, because its columns add up"
     percent = _is_percent(cells)
     where += ", read as percent" if percent else ""
     cells = _with_percent(cells, all_of_them=percent)
@@ -262,6 +265,20 @@ def _add_confusion(
     complete = len(cells) == len(materials) ** 2 and set(filter(None, answers[1:])) == set(materials)
     table = {"where": where, "task": task, "complete": complete, "cells": tuple(cells)}
     document["table"] = (*document.get("table", ()), table)
+
+
+def _stands_in_rows(cells: Sequence[dict[str, str]]) -> bool:
+    """Return whether answers stand in rows: columns add up to 1 or 100, as closely as they are rounded, and rows not."""
+    means = [cell["mean"].rstrip(" %") for cell in cells]
+    digits = max(len(mean.partition(".")[2]) for mean in means)
+    sums = {key: defaultdict[str, float](float) for key in ("presented", "answered")}
+    for cell, mean in zip(cells, means, strict=True):
+        for key, of in sums.items():
+            of[cell[key]] += float(mean)
+    whole = 100.0 if sum(map(float, means)) > LARGEST_RATIO_SUM * len(sums["presented"]) else 1.0
+    allowed = 0.5 * 10.0**-digits * len(sums["presented"]) + 1e-9
+    rows, columns = (max(abs(one - whole) for one in of.values()) <= allowed for of in sums.values())
+    return columns and not rows
 
 
 def _is_percent(cells: Sequence[dict[str, str]]) -> bool:

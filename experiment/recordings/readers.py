@@ -42,7 +42,7 @@ SLOWEST_HZ, FASTEST_HZ = 20.0, 1e7
 AGREES = 0.01
 """A step of a clock and a stated rate agree within this part, if the unit of the clock is right."""
 
-AS_STATED = "as stated"
+AS_STATED = "option --rate"
 COUNTER = "a counter of samples"
 _LVM_TAG = re.compile(r"(?!nan$|inf$|infinity$)[A-Za-z]\w*", re.IGNORECASE)
 _SAYS_NOTHING = ("", "x", "untitled")

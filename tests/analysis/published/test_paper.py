@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -307,3 +308,26 @@ def test_a_page_that_is_too_large_is_refused_without_a_number_of_the_system(tmp_
         paper.read(page, Stated())
     assert str(page) in str(caught.value)
     assert "Errno" not in str(caught.value)
+
+
+@pytest.mark.parametrize("whole", ["", "%"])
+def test_answers_that_stand_in_rows_are_read_so_and_a_misprint_turns_no_table(tmp_path: Path, whole: str) -> None:
+    shares = {"glass": (75, 10, 5), "sand": (15, 80, 10), "snow": (10, 10, 85)}
+
+    def table(rows: Mapping[str, tuple[int, ...]]) -> tuple[str, dict[tuple[str, str], str]]:
+        cells = {(name, other): f"{one}%" if whole else f"{one / 100:.2f}"
+                 for name, row in rows.items() for other, one in zip(NAMES, row, strict=True)}  # fmt: skip
+        lines = [",".join([name, *(cells[name, other] for other in NAMES)]) for name in NAMES]
+        text = "\n".join([f",{','.join(NAMES)}", *lines])
+        (found,) = _read(tmp_path, text, Stated((15,), 20), "paper.csv").printed.table
+        return found.where, {(one.presented, one.answered): one.mean.text for one in found.cells}
+
+    where, cells = table(shares)
+    assert "answers in rows" in where
+    assert cells["sand", "glass"] == ("10%" if whole else "0.10")
+    across = {name: tuple(shares[other][at] for other in NAMES) for at, name in enumerate(NAMES)}
+    assert "answers in rows" not in table(across)[0]
+    across["snow"] = (5, 10, 58)
+    where, cells = table(across)
+    assert "answers in rows" not in where
+    assert cells["sand", "glass"] == ("10%" if whole else "0.10")
