@@ -268,7 +268,7 @@ def _add_confusion(
 
 
 def _stands_in_rows(cells: Sequence[dict[str, str]]) -> bool:
-    """Return whether answers stand in rows: columns add up to 1 or 100, as closely as they are rounded, and rows not."""
+    """Return whether answers stand in rows: columns add up to 1 or 100, as close as they are rounded, and rows not."""
     means = [cell["mean"].rstrip(" %") for cell in cells]
     digits = max(len(mean.partition(".")[2]) for mean in means)
     sums = {key: defaultdict[str, float](float) for key in ("presented", "answered")}

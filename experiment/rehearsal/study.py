@@ -41,8 +41,10 @@ WELCOME = """{label}. Nothing here is data of the study.
 Everything is kept in {out}, and every file there says PRACTICE."""
 
 TO_DO = """Participant {participant}, task {task}. You are the experimenter. Where something is to be laid out, press
-Enter. Familiarisation may end at once, and no break is waited for. In each trial the simulated participant says an
-answer: choose its key, and confirm it. Ctrl-C pauses."""
+Enter. Familiarisation may end at once, and no break is waited for. {answers} Ctrl-C pauses."""
+
+SAYS = "In each trial the simulated participant says an answer: choose its key, and confirm it."
+PRESSES = "The simulated participant answers every trial alone: there is nothing to confirm."
 
 
 def rehearse(
@@ -188,6 +190,7 @@ def practise(
                 allowed=", ".join(left),
             )
         facts = {"label": build.LABELS["PRACTICE"], "participant": participant, "task": tasks[0], "out": out}
+        facts["answers"] = SAYS if protocol.answers.mode == "oral" else PRESSES
         for said in filter(None, (WELCOME.format(**facts), generic(protocol), TO_DO.format(**facts))):
             console.tell(Notice(said))
         practice = _Practice(job, console)

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from datetime import date
 from importlib import import_module
 from itertools import pairwise
-from math import comb, factorial
+from math import ceil, comb, factorial
 from pathlib import Path
 from typing import Any
 
@@ -604,5 +604,5 @@ def _duration(protocol: Protocol) -> Iterator[Finding]:
     least_min = (besides_s + LEAST_S * trials) / 60
     if protocol.duration.longest_min < least_min:
         taken = f"{trials} trials of {LEAST_S:g} s, familiarisation and breaks"
-        allowed = f"as a rule at least {least_min:.0f}, which {taken} take"
+        allowed = f"as a rule at least {ceil(least_min)}, which {taken} take"
         yield mismatch("duration.longest_min", None, f"{protocol.duration.longest_min:g}", allowed)
