@@ -253,9 +253,8 @@ def _add_confusion(
     passed.cells(where, unread)
     if not cells:
         raise _Unknown("no cell holds a mean, or a mean and an SD")
-    if len(cells) == len(materials) ** 2 and _stands_in_rows(cells):
-        cells = [{**cell, "presented": cell["answered"], "answered": cell["presented"]} for cell in cells]
-        where += ", answers in rows, because its columns add up"
+    cells, turned = _with_answers_in_columns(cells, len(materials))
+    where += turned
     percent = _is_percent(cells)
     where += ", read as percent" if percent else ""
     cells = _with_percent(cells, all_of_them=percent)
@@ -267,8 +266,13 @@ def _add_confusion(
     document["table"] = (*document.get("table", ()), table)
 
 
-def _stands_in_rows(cells: Sequence[dict[str, str]]) -> bool:
-    """Return whether answers stand in rows: columns add up to 1 or 100, as close as they are rounded, and rows not."""
+def _with_answers_in_columns(cells: list[dict[str, str]], size: int) -> tuple[list[dict[str, str]], str]:
+    """Return the cells of a table, turned if answers stand in its rows, and what to say of that.
+
+    They do where all columns add up to 1 or 100, as close as they are rounded, and rows do not.
+    """
+    if len(cells) != size**2:
+        return cells, ""
     means = [cell["mean"].rstrip(" %") for cell in cells]
     digits = max(len(mean.partition(".")[2]) for mean in means)
     sums = {key: defaultdict[str, float](float) for key in ("presented", "answered")}
@@ -278,7 +282,10 @@ def _stands_in_rows(cells: Sequence[dict[str, str]]) -> bool:
     whole = 100.0 if sum(map(float, means)) > LARGEST_RATIO_SUM * len(sums["presented"]) else 1.0
     allowed = 0.5 * 10.0**-digits * len(sums["presented"]) + 1e-9
     rows, columns = (max(abs(one - whole) for one in of.values()) <= allowed for of in sums.values())
-    return columns and not rows
+    if rows or not columns:
+        return cells, ""
+    turned = [{**cell, "presented": cell["answered"], "answered": cell["presented"]} for cell in cells]
+    return turned, ", answers in rows, because its columns add up"
 
 
 def _is_percent(cells: Sequence[dict[str, str]]) -> bool:

@@ -63,7 +63,6 @@ def read(content: bytes) -> tuple[list[Channel], str]:
         raise RecordingError(
             f"got a damaged file of {NAME} ({error})", remedy="save it again", allowed="a whole one"
         ) from error
-    units = {_split(one.name)[0]: one.text.strip() for one in held if _split(one.name)[1].lower() in ("unit", "units")}
     numbers = [(one.name, one.values) for one in held if one.values is not None]
     if not numbers:
         closed = ", ".join(f"{one.name} ({one.closed})" for one in held) or "nothing"
@@ -72,6 +71,12 @@ def read(content: bytes) -> tuple[list[Channel], str]:
             remedy="save times and samples as variables of their own",
             allowed="variables that are numbers",
         )
+    return _channels(held, numbers), ""
+
+
+def _channels(held: list[_Variable], numbers: list[tuple[str, NDArray[np.generic]]]) -> list[Channel]:
+    """Return the channels in variables that are numbers, each with what stands in its structure beside it."""
+    units = {_split(one.name)[0]: one.text.strip() for one in held if _split(one.name)[1].lower() in ("unit", "units")}
     steps = {group: step for name, values in numbers for group, own in (_split(name),)
              if (step := stated_step_s(own, values)) > 0}  # fmt: skip
     scales = {
@@ -89,7 +94,7 @@ def read(content: bytes) -> tuple[list[Channel], str]:
         unit = units.get(group, "")
         unit = unit if is_clock(own) == bool(unit and time_unit(Heading("", unit))) else ""
         found += channels_of(name, values, unit, nearest(group, steps))
-    return found, ""
+    return found
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
