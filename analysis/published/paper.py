@@ -158,6 +158,7 @@ NOTHING = ("", "-", "--", "\u2014")
 """Cells in which a paper prints nothing."""
 
 _DIGITS = re.compile(r"[0-9.,]*[0-9]")
+_THOUSANDS = re.compile(r"(?<![0-9.,])[1-9][0-9]{0,2}(?:\.[0-9]{3})+(?![0-9])")
 _DEGREES = re.compile(r"[A-Za-z] ?\(")
 """A comma may part degrees of freedom, as in F(3,68)."""
 
@@ -431,8 +432,8 @@ def _csv(path: Path, stated: delimited.Stated) -> tuple[Grid, ...]:
 def _with_point(cell: str) -> str:
     if _DEGREES.search(cell):
         return cell
-    thousands = re.sub(r"(?<=[0-9])\.(?=[0-9]{3}(?![0-9]))", "", cell)
-    return re.sub(r",(?=[0-9])", ".", thousands)
+    whole = _THOUSANDS.sub(lambda match: match[0].replace(".", ""), cell)
+    return re.sub(r",(?=[0-9])", ".", whole)
 
 
 def _grids(path: Path, tables: Iterable[list[list[str]]], names: Iterable[str] = ()) -> tuple[Grid, ...]:

@@ -210,10 +210,9 @@ def _from_columns(content: bytes, text: str, encoding: str, stated: Stated) -> _
         (name, unit), step = read_as.step
         clocks = [len(columns)]
         columns.append(_Column(name, unit, np.arange(len(read_as.values[0])) * step, read_as.lines))
-    if not clocks and stated.rate_hz is None:
-        first, likely = replace(columns[0], name=read_as.headings[0].name), rate_in(text[: read_as.begins])
-        _look_like_times(first, stated, likely)
-        clocks = [0]
+    if not clocks and len(columns) > 1:
+        first = replace(columns[0], name=read_as.headings[0].name)
+        clocks = _nameless_clock(first, stated, rate_in(text[: read_as.begins]))
     signals = [place for place in range(len(columns)) if place not in (*clocks, *named, *of_day)]
     if not signals:
         raise RecordingError(
@@ -223,6 +222,13 @@ def _from_columns(content: bytes, text: str, encoding: str, stated: Stated) -> _
     if stated.rate_hz is None and len({_step_s(columns[place], stated) for place in clocks}) > 1:
         times = [_clock_of(place, clocks, columns, stated) for place in signals]
     return _Table([columns[place] for place in signals], times, 1, read_as.understood, read_as.cut)
+
+
+def _nameless_clock(first: _Column, stated: Stated, likely: str) -> list[int]:
+    """Return the place of times that no heading names; where a rate is stated, there may be none."""
+    if stated.rate_hz is None:
+        _look_like_times(first, stated, likely)
+    return [0] if stated.rate_hz is None or (_rises_evenly(first) and not _counts(first)) else []
 
 
 def _from_channels(binary: Format, content: bytes, stated: Stated) -> _Table:
@@ -322,7 +328,7 @@ def _from_lvm(lines: list[str]) -> _Table:
     signals, times = found[0]
     split = [heading(signal.name) for signal in signals]
     at = next((place for place, (name, _) in enumerate(split) if is_clock(name)), None)
-    if at is None and times[0] is None and _rises_evenly(signals[0]):
+    if at is None and times[0] is None and _rises_evenly(signals[0]) and not _by_one(signals[0].values):
         at = 0
     if at is not None and len(signals) > 1:
         # The unit of a channel stands in its tag, but that of a time often in its name alone.
@@ -501,13 +507,15 @@ def _since_first(clock: _Column, unit_s: float) -> NDArray[np.float64]:
 
 
 def _differs(file: str, clock: _Column | None, stated: Stated) -> tuple[Finding, ...]:
-    """Return a doubt where a rate is stated and times of a known unit have another."""
-    if clock is None or not time_unit(Heading(clock.name, clock.unit)):
+    """Return a doubt where a rate is stated and times have another, in their unit or, if that is not known, in any."""
+    if clock is None:
         return ()
-    rate_hz, step_s = stated.rate_hz or 0.0, _step_s(clock, stated)
-    if abs(step_s * rate_hz - 1) < AGREES:
+    unit, rate_hz = stated.time_unit or time_unit(Heading(clock.name, clock.unit)), stated.rate_hz or 0.0
+    steps_s = [_step_s(clock, replace(stated, time_unit=one)) for one in ([unit] if unit else SECONDS)]
+    if any(abs(step_s * rate_hz - 1) < AGREES for step_s in steps_s):
         return ()
-    what = f"got --rate {rate_hz:g} beside times in {clock.name!r}, whose mean step is {step_s:g} s"
+    mean = f"is {steps_s[0]:g} s" if unit else "does not fit in any unit"
+    what = f"got --rate {rate_hz:g} beside times in {clock.name!r}, whose mean step {mean}"
     return (Finding(what, where=file, remedy="check which is right", verdict="warns", check="rate"),)
 
 
@@ -537,9 +545,11 @@ def _clipped(file: str, channel: str, samples: NDArray[Any]) -> tuple[Finding, .
 
 def _counts(signal: _Column) -> bool:
     """Return whether a column numbers the samples."""
-    values = signal.values
-    numbers = values.dtype.kind in "iu" and values.size > 1 and bool(np.all(np.diff(values) == 1))
-    return numbers or is_counter(signal.name)
+    return (signal.values.dtype.kind in "iu" and _by_one(signal.values)) or is_counter(signal.name)
+
+
+def _by_one(values: NDArray[Any]) -> bool:
+    return values.size > 1 and bool(np.all(np.diff(values) == 1))
 
 
 def _unit_s(clock: _Column, stated: Stated) -> float:
@@ -574,8 +584,10 @@ def _doubts(file: str, rate_hz: float, remedy: Remedy | str) -> tuple[Finding, .
 
 
 def _rises_evenly(column: _Column) -> bool:
+    """Return whether a column that no heading names rises as times do, or as a counter."""
+    if column.unit or column.name.lower() not in _SAYS_NOTHING or np.any(column.values[1:] <= column.values[:-1]):
+        return False
     try:
-        _look_like_times(column)
         grid.even(_since_first(column, 1.0), column.lines, NOTHING_STATED)
     except RecordingError:
         return False
@@ -591,7 +603,7 @@ def _look_like_times(first: _Column, stated: Stated = NOTHING_STATED, rate: str 
         what = f"{first.name!r}"
     elif np.any(steps <= 0):
         what = "values that do not rise"
-    elif steps.size and np.all(steps == 1):
+    elif _by_one(first.values):
         what = COUNTER
     if what:
         words = "write a heading such as 'time (s), acceleration (g)', or state their rate"

@@ -46,6 +46,9 @@ FOREIGN = {
 }  # fmt: skip
 """What a file is that begins so, and is no text."""
 
+COMMENT_SIGN = re.compile(r"\A\s*(?:#+|%+|//+|;+)\s?")
+"""What a comment begins with; a semicolon that is the delimiter is none."""
+
 _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
           codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}  # fmt: skip
 _NAMES = {"utf-8": "UTF-8", "utf-8-sig": "UTF-8 with a mark", "utf-16": "UTF-16", "utf-32": "UTF-32",

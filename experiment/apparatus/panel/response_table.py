@@ -82,16 +82,21 @@ def parse(path: Path, content: bytes) -> Response:
 
 def comments(content: bytes) -> tuple[str, ...]:
     """Return what a table says of itself, such as when it was measured and under which load, a line each."""
-    try:
-        lines = import_module(READER).decoded(content, "")[0].splitlines()
-    except PalpateError:
-        lines = content.decode(errors="replace").splitlines()
-    return tuple(plain(line.lstrip("# ").rstrip()) for line in lines if line.startswith("#"))
+    sign = import_module(READER).COMMENT_SIGN
+    return tuple(plain(sign.sub("", line).strip()) for line in _text(content).splitlines() if sign.match(line))
 
 
 def is_simulated(content: bytes) -> bool:
     """Return whether a table says of itself that it is SIMULATED."""
-    return any("SIMULATED" in line for line in comments(content))
+    # What stands above the header needs no comment sign to be passed over.
+    return "SIMULATED" in _text(content)
+
+
+def _text(content: bytes) -> str:
+    try:
+        return str(import_module(READER).decoded(content, "")[0])
+    except PalpateError:
+        return content.decode(errors="replace")
 
 
 def _rows(path: Path, content: bytes) -> list[_Row]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.text.stamps import without_stamps
 from palpate.experiment.settings.delimited import (
+    COMMENT_SIGN,
     DELIMITERS,
     SAMPLE,
     Record,
@@ -42,7 +43,6 @@ TAIL, LAST_ROWS = 4096, 12
 _WHOLE = re.compile(r" *[+-]?[0-9]+ *")
 _ZEROS = re.compile(r"0[0-9]")
 _NOT_CLEAR = "export it with semicolons between cells, or, if all are whole, state it"
-_SIGN = re.compile(r"\A\s*(?:#+|%+|//+|;+)\s?")
 
 
 @dataclass(frozen=True)
@@ -182,6 +182,9 @@ def _head(text: str, shape: _Shape) -> tuple[list[tuple[int, str]], Record]:
         if not record.comment and len(cells) == shape.width and _numeric(cells) and not below_step:
             break
         head.append(record)
+    if head and len(_cells(head[-1], shape)) == shape.width and _numeric(_cells(head[-1], shape)):
+        _refuse_unclear_step(*head[-2:])
+        record = head.pop()
     if head and _looks_like_row(head[-1], shape):
         wrong = next(cell for cell in _cells(head[-1], shape) if not _is_number(cell))
         raise RecordingError(
@@ -193,6 +196,17 @@ def _head(text: str, shape: _Shape) -> tuple[list[tuple[int, str]], Record]:
     ends = [one.start for one in (*head, record)][1:]
     raw = [(one.line, text[one.start : end]) for one, end in zip(head, ends, strict=True)]
     return [(line, one) for line, one in raw if one.strip()], record
+
+
+def _refuse_unclear_step(names: Record, numbers: Record) -> None:
+    """Refuse numbers right above the rows and below an increment, unless it is a column's name beside that of times."""
+    if not any(is_clock(heading(cell).name) for cell in names.cells):
+        raise RecordingError(
+            "got numbers below an increment, right above the rows",
+            remedy="write the name of each column above the rows, or remove the line",
+            allowed="names between an increment and the rows",
+            line=numbers.line,
+        )
 
 
 def _step(head: Sequence[tuple[int, str]], shape: _Shape, decimal: str) -> tuple[Heading, float] | None:
@@ -222,16 +236,23 @@ def _decimal_points(
     half, paired = named * 2 == shape.width, _paired(text, begins, shape)
     if paired and (stated.decimal or (half and timed)):
         return text[: begins.start] + re.sub(r"([0-9]+),([0-9]+)", r"\1.\2", text[begins.start :])
-    zeros = paired and any(map(_ZEROS.match, chain.from_iterable(row[1::2] for row in rows)))
-    if not (stated.decimal or timed or half or zeros):
+    untimed = not named and stated.rate_hz is not None
+    decimals = paired and _like_decimals([row[1::2] for row in rows], untimed=untimed)
+    if not (stated.decimal or timed or half or decimals):
         return None
     words, sign = ("if so, state it", ",") if paired else (_NOT_CLEAR, ".")
     raise RecordingError(
         f"got {shape.width} whole numbers{f' below {named} names' if named else ''}, as if some were decimals",
         remedy=stated.remedy(words, "--decimal", sign),
-        allowed="decimal points, or another sign than commas between cells",
+        allowed="decimal points, another sign than commas between cells, or --decimal . if all are whole",
         line=begins.line,
     )
+
+
+def _like_decimals(behind: Sequence[Sequence[str]], *, untimed: bool) -> bool:
+    """Return whether each second cell looks like decimals: some begin with 0, or, without times, all are as long."""
+    zeros = any(map(_ZEROS.match, chain.from_iterable(behind)))
+    return zeros or (untimed and len({tuple(map(len, cells)) for cells in behind}) == 1)
 
 
 def _named(head: Sequence[tuple[int, str]], shape: _Shape, first: NDArray[np.float64]) -> tuple[bool, int]:
@@ -349,6 +370,12 @@ def _is_no_name(cell: str) -> bool:
     return bool(cell) and (is_unit(cell) or _is_number(cell))
 
 
+def _are_names(cells: Sequence[str]) -> bool:
+    """Return whether cells above units are names: those of times and more, or none of them a number or a unit."""
+    unlike = any(map(_is_no_name, cells))
+    return not unlike or any(is_clock(heading(cell).name) and not _is_no_name(cell) for cell in cells)
+
+
 def _headings(
     head: Sequence[tuple[int, str]], shape: _Shape, values: Sequence[NDArray[Any]], *, ends: int
 ) -> tuple[list[Heading], tuple[int, ...]]:
@@ -364,7 +391,7 @@ def _headings(
         return [Heading("", "")] * shape.width, ()
     below = [place for place, (_, cells) in enumerate(fitting) if all(is_unit(cell) for cell in cells if cell)]
     above = fitting[below[-1] - 1][1] if below else []
-    if below and (not below[-1] or any(map(_is_no_name, above))):
+    if below and not (below[-1] and _are_names(above)):
         # No names stand above these units.
         return [Heading("", cell) for cell in fitting[below[-1]][1]], (fitting[below[-1]][0],)
     if below and below[-1] > 0:
@@ -401,7 +428,7 @@ def _heading_rows(raw: str, shape: _Shape) -> Iterator[list[str]]:
     """Yield the cells of a heading in each way to part them: its delimiter may be another than that of the rows, and a
     comment sign may stand at its beginning.
     """  # fmt: skip
-    bare = _SIGN.sub("", raw, count=1)
+    bare = COMMENT_SIGN.sub("", raw, count=1)
     # A semicolon may be the delimiter behind an empty first cell, or a comment sign.
     texts = (raw, bare) if shape.delimiter and raw.lstrip(" ").startswith(shape.delimiter) else (bare,)
     for sign in dict.fromkeys((*filter(None, (shape.delimiter,)), *DELIMITERS)):

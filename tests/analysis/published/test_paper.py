@@ -212,6 +212,19 @@ def test_decimal_commas_of_a_page_are_read(tmp_path: Path, decimal: str) -> None
     assert (test.t.text, test.p.text if test.p else "") == ("2.50", "0.0296")
 
 
+@pytest.mark.parametrize("name", ["paper.html", "tables.csv"])
+def test_a_point_among_decimal_commas_parts_thousands_only_behind_a_digit_above_0(tmp_path: Path, name: str) -> None:
+    rows = [("t", "df", "p"), ("2,45", "13", "0.029"), ("3,12", "13", "0.008"), ("5,32", "13", "0,02"),
+            ("1.234,5", "1.300", "0.001")]  # fmt: skip
+    table = "<table>" + "".join(f"<tr><td>a<td>{'<td>'.join(row)}" for row in rows) + "</table>"
+    text = table if name.endswith("html") else "".join(f"a;{';'.join(row)}\n" for row in rows)
+    found = _read(tmp_path, text, Stated(), name)
+    assert found.unread == 0
+    assert [(one.t.text, one.df, one.p.text if one.p else "") for one in found.printed.tests] == [
+        ("2.45", 13, "0.029"), ("3.12", 13, "0.008"), ("5.32", 13, "0.02"), ("1234.5", 1300, "0.001"),
+    ]  # fmt: skip
+
+
 def test_a_cell_over_several_rows_and_columns(tmp_path: Path) -> None:
     page = (
         '<table><tr><td rowspan="2">name<td colspan="2">test<td rowspan="2">p<tr><td>t<td>df'

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.experiment.apparatus.panel.response_table import comments
+from palpate.experiment.apparatus.panel.response_table import comments, is_simulated
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.synthesis.shaping import Response
 from tests.approved import Refuses
@@ -27,6 +27,16 @@ def test_rms_and_peak_to_peak_become_amplitudes(written: Write) -> None:
 def test_a_table_says_of_itself_what_its_comments_say() -> None:
     assert comments(GOOD.encode()) == ("bench 2, load 40 N",)
     assert comments(GOOD.split("\n", 1)[1].encode()) == ()
+
+
+@pytest.mark.parametrize("sign", ["# ", "#", " # ", "% ", "// ", "; ", ""])
+def test_a_table_that_says_above_its_header_that_it_is_simulated_is(written: Write, sign: str) -> None:
+    """A table is read with any of these lines; it counts as measured without one."""
+    path = written(f"{sign}SIMULATED, for a rehearsal\n{GOOD}")
+    assert read(path).levels_v.size == 2
+    assert is_simulated(path.read_bytes())
+    assert comments(path.read_bytes())[:-1] == (("SIMULATED, for a rehearsal",) if sign else ())
+    assert not is_simulated(GOOD.encode())
 
 
 def test_a_table_of_a_german_spreadsheet_is_read(tmp_path: Path) -> None:

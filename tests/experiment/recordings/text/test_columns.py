@@ -107,6 +107,62 @@ def test_what_does_not_show_in_the_numbers_is_asked(tmp_path: Path, name: str) -
     assert str(refused.value.finding.remedy).endswith(f": {remedy}")
 
 
+@pytest.mark.parametrize("heading", ["", "x,y\n"])
+@pytest.mark.parametrize(("unit", "digits"), [("s", 3), ("ms", 1)])
+def test_times_that_nothing_names_are_no_samples_at_a_stated_rate(
+    tmp_path: Path, heading: str, unit: str, digits: int
+) -> None:
+    """Steps of 1 ms agree with 1 kHz in either unit, and with 300 Hz in none."""
+    step = {"s": 0.001, "ms": 1.0}[unit]
+    path = _file(tmp_path, heading, lambda i, a: f"{i * step:.{digits}f},{a:.4f}")
+    made = {rate: read(path, stated=Stated(rate_hz=rate)) for rate in (1000.0, 300.0)}
+    assert [one.samples.tolist() for one in made.values()] == [SAMPLES, SAMPLES]
+    assert {rate: [doubt.check for doubt in one.doubts] for rate, one in made.items()} == {1000.0: [], 300.0: ["rate"]}
+    assert read(path, stated=Stated(time_column="1", time_unit=unit)).samples.tolist() == SAMPLES
+
+
+def test_one_column_of_decimal_commas_is_not_taken_for_two(tmp_path: Path) -> None:
+    path = _file(tmp_path, "", lambda i, a: _german(9.71 + a / 10, 2))
+    with pytest.raises(RecordingError) as refused:
+        read(path, stated=Stated(rate_hz=1000))
+    assert str(refused.value.finding.remedy).endswith(": --decimal ,")
+    made = {sign: read(path, stated=Stated(rate_hz=1000, decimal=sign)).samples.tolist() for sign in ",."}
+    assert made[","] == [round(9.71 + a / 10, 2) for a in SAMPLES]
+    assert made["."] == [9.0] * len(SAMPLES)
+
+
+def test_rows_below_a_column_named_increment_are_all_read(tmp_path: Path) -> None:
+    path = _file(tmp_path, "time (s),increment,x (g)\n", lambda i, a: f"{i / 1000:.3f},1,{a:.4f}")
+    made = read(path, channel="x")
+    assert (made.samples.tolist(), made.unit, round(made.rate_hz, 3)) == (SAMPLES, "g", 1000)
+
+
+@pytest.mark.parametrize("heading", ["Trigger,Increment\n0,5e-6\n", "Increment\n5e-6\n"])
+def test_numbers_below_an_increment_that_may_be_a_row_are_asked_about(tmp_path: Path, heading: str) -> None:
+    path = _file(tmp_path, heading, lambda i, a: f"{a:.4f},{i}" if "," in heading else f"{a:.4f}")
+    with pytest.raises(RecordingError) as refused:
+        read(path, stated=Stated(rate_hz=1000))
+    assert refused.value.finding.line == 2
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "asked", "unit"),
+    [("time,2,3", "s,g,V", "2", "g"), ("time,2,3", "s,g,V", "3", "V"), ("time,V,x", "s,V,g", "x", "g")],
+)
+def test_names_that_are_numbers_or_units_stay_names(
+    tmp_path: Path, names: str, units: str, asked: str, unit: str
+) -> None:
+    path = _file(tmp_path, f"{names}\n{units}\n", lambda i, a: f"{i / 1000:.3f},{a:.4f},{2 * a:.4f}")
+    made, times = read(path, channel=asked), names.split(",").index(asked)
+    assert (made.channels, made.unit) == (tuple(names.split(",")[1:]), unit)
+    assert made.samples.tolist() == [times * a for a in SAMPLES]
+
+
+def test_a_setting_above_units_is_no_name(tmp_path: Path) -> None:
+    made = read(_file(tmp_path, "Rate,1000\ns,g\n", lambda i, a: f"{i / 1000:.3f},{a:.4f}"))
+    assert (made.samples.tolist(), made.channels, made.unit) == (SAMPLES, ("column 2",), "g")
+
+
 def test_a_rate_is_above_zero() -> None:
     for rate in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(PalpateError, match="--rate"):
