@@ -576,7 +576,15 @@ def _renamed(study: Study, name: str) -> Study:
         exclusions=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.exclusions),
         unasked=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.unasked),
         parts=tuple(
-            replace(part, name=name, participants=tuple(f"{name}-{label}" for label in part.participants))
+            replace(
+                part,
+                name=name,
+                participants=tuple(f"{name}-{label}" for label in part.participants),
+                versions=tuple(
+                    replace(one, sessions=frozenset((f"{name}-{who}", task) for who, task in one.sessions))
+                    for one in part.versions
+                ),
+            )
             for part in study.parts
         ),
     )

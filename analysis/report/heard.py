@@ -13,8 +13,8 @@ UNHEARD = (
 )
 
 UNLISTENED = (
-    "No table compares what was sent with what was heard, for no accelerometer listened: a session listens where the "
-    "rig's panel was measured and its accelerometer stays on it."
+    "No table compares what was sent with what was heard: this dataset has no such comparison. One of footsteps has it "
+    "where the rig's panel was measured and its accelerometer stays on it."
 )
 
 LEAST_SHARE = 1e-3

@@ -203,7 +203,7 @@ class LevelChosen(OfAttempt):
 class TrackEnded(Entry):
     """A track has no further trial: it had its reversals, its threshold is known, or all its trials have an answer.
 
-    Catch trials, under the name of what they present, end with the other `tracks`.
+    Catch trials, under the name of what they present, end with the other `tracks`, one of which ended early.
     """
 
     kind: Literal["track"] = "track"

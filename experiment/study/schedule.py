@@ -4,7 +4,8 @@ Those who enrol first do the tasks with fewer participants. Orders of tasks are 
 holds every order once, shuffled, so the orders balance after every block.
 
 A choice is a pure function of its purpose: its bits are SHA-256 in counter mode. Every pair of materials is presented
-half of the time in either order, at shuffled places. `runs` draws orders without long runs.
+half of the time in either order, at shuffled places of the task or, with some levels, of a few of its trials. `runs`
+draws orders without long runs.
 """
 
 from __future__ import annotations
@@ -18,10 +19,14 @@ from itertools import permutations
 from typing import Any, TypeVar
 
 from palpate.experiment.errors import RosterError, ScheduleError
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial
 
 Item = TypeVar("Item")
+
+SHORT_RUN = 4
+"""Of so many trials of a signal that follow each other it is first in half, where a track may end early; ours."""
 
 
 class Draws:
@@ -81,15 +86,25 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
             runs: Any = import_module("palpate.experiment.study.runs")
             order = [(material,) for material in runs.constrained(counts, max_run=task.order.max_run or 0, draws=draws)]
     if protocol.shown_together(task) == 2:
-        order = _in_either_order(order, draws)
+        order = _in_either_order(order, _run(protocol, task), draws)
     return tuple(PlannedTrial(trial=place, presented=one) for place, one in enumerate(order, start=1))
 
 
-def _in_either_order(pairs: Sequence[tuple[str, ...]], draws: Draws) -> list[tuple[str, ...]]:
-    """Return the pairs, which come in even numbers, with half of each kind turned round at shuffled places."""
-    turned: dict[tuple[str, ...], list[bool]] = {
-        pair: draws.shuffled([False, True] * (pairs.count(pair) // 2)) for pair in dict.fromkeys(sorted(pairs))
-    }
+def _run(protocol: Protocol, task: Task) -> int:
+    """Return in how many trials of each pair half are turned round; the tracks of a detection may end early."""
+    if task.levels is not None and task.levels.method == "constant":
+        return 2 * len(task.levels.grid)
+    may_end = task.levels is not None and design_of(task.design).presentations is not None
+    return SHORT_RUN if may_end else protocol.trials(task)
+
+
+def _in_either_order(pairs: Sequence[tuple[str, ...]], run: int, draws: Draws) -> list[tuple[str, ...]]:
+    """Return the pairs, which come in even numbers, with half of each run of a kind turned round at shuffled places."""
+    turned: dict[tuple[str, ...], list[bool]] = {}
+    for pair in dict.fromkeys(sorted(pairs)):
+        count = pairs.count(pair)
+        runs = [draws.shuffled([False, True] * (min(run, count - at) // 2)) for at in range(0, count, run)]
+        turned[pair] = [one for each in runs[::-1] for one in each]
     return [pair[::-1] if turned[pair].pop() else pair for pair in pairs]
 
 

@@ -109,7 +109,8 @@ def _answer(test: str, task: TaskDetections) -> str:
         if not known:
             return f"{task.task.id}: no d' of {ENOUGH} trials or more at a level."
         return f"{task.task.id}: d' goes from {min(known):.2f} to {max(known):.2f} over participants and levels."
-    return f"{task.task.id}: {'; '.join(_threshold_words(one) for one in task.thresholds)}."
+    words = "; ".join(map(_threshold_words, task.thresholds))
+    return f"{task.task.id}: {words or 'no answer to a signal'}."
 
 
 def _open(found: Detections, tasks: Sequence[str]) -> tuple[str, ...]:

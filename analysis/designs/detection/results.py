@@ -30,6 +30,15 @@ if TYPE_CHECKING:
 RULES: dict[int, Rule] = {1: "yes or no", 2: "two intervals"}
 """The decision rule of d', by how many intervals a trial has."""
 
+NUMBERS = (
+    "reversals", "rule_db", "rule_sd", "rule_share", "threshold_db", "low", "high", "threshold_m_s2", "spread_db",
+    "lapse", "guess",
+)  # fmt: skip
+COLUMNS = (
+    "task", "participant", "signal", "trials", "reversals", "method", *NUMBERS[1:], "open", "at_share_db", "statement",
+)  # fmt: skip
+"""Columns of a row for each track, and those of them that are numbers."""
+
 
 @dataclass(frozen=True)
 class Step:
@@ -144,10 +153,8 @@ class Detections:
         """Return a row for each task, participant and signal: both thresholds, and the fitted function."""
         import pandas as pd
 
-        columns = ("reversals", "rule_db", "rule_sd", "rule_share", "threshold_db", "low", "high", "threshold_m_s2",
-                   "spread_db", "lapse", "guess")  # fmt: skip
-        frame = pd.DataFrame([record(task.task.id, one) for task in self.tasks for one in task.tracks])
-        return frame.astype(dict.fromkeys(columns, "float64"))
+        rows = [record(task.task.id, one) for task in self.tasks for one in task.tracks]
+        return pd.DataFrame(rows, columns=COLUMNS).astype(dict.fromkeys(NUMBERS, "float64"))
 
     def steps(self) -> pd.DataFrame:
         """Return a row for each trial of each track: its level, the answer, and whether the track turned."""
@@ -184,36 +191,41 @@ def compute(study: Study) -> Detections:
     if len(known) < len(study.parts):
         got, remedy = "got a dataset without its protocol", "restore sourcedata/protocol.toml"
         raise DatasetError(f"study {study.id}", got, remedy, allowed="one that says what the blank is")
-    if any(one != known[0] for one in known[1:]):
-        got = "got datasets of different intervals, blanks or answers"
-        raise DatasetError(f"study {study.id}", got, "analyse each by itself", allowed="one table [detection]")
+    if len({(one.intervals, one.blank) for one in known}) > 1:
+        got = "got datasets of different intervals or blanks"
+        raise DatasetError(f"study {study.id}", got, "analyse each by itself", allowed="the same in [detection]")
     own = known[0]
     tasks = tuple(_task(study, task, own) for task in study.tasks if len(study.trials(task.id)))
     return Detections(study.materials, own.blank, RULES[own.intervals], tasks)
 
 
 def _task(study: Study, task: Task, own: Detection) -> TaskDetections:
-    trials = study.trials(task.id)
-    said = trials[trials["answered"] != NO_ANSWER].copy()
+    trials, attempts = study.trials(task.id), study.attempts[study.attempts["task"] == task.id]
+    # A track moved on answers that a rule leaves out, too.
+    said = attempts[attempts["counted"] & (attempts["answered"] != NO_ANSWER)].copy()
     shown = ["first", "second"] if own.intervals == 2 else ["presented"]
     is_signal = said[shown] != own.blank
     said["signal"] = said[shown].where(is_signal).bfill(axis=1).iloc[:, 0] if len(said) else ""
     said["lead"] = is_signal[shown[0]]
     said["claimed"] = said["answered"].isin((YES, FIRST))
     tracks, catches = [], []
-    for who in [one for one in study.participants if one in set(said["participant"])]:
+    for who in [one for one in study.participants if one in set(said.loc[said["included"], "participant"])]:
         theirs = said[said["participant"] == who]
-        none = theirs[theirs["signal"].isna()]
+        none = theirs[theirs["signal"].isna() & theirs["included"]]
         protocol = next(one for part in study.parts if who in part.participants if (one := part.plan(who, task.id)))
         caught = Catches(who, len(none), int(none["claimed"].sum()))
         catches += [caught] if len(none) else []
         by_signal = {signal: theirs[theirs["signal"] == signal] for signal in task.presented}
-        tracks += [_track(rows, caught, one, protocol, task.id, own) for one, rows in by_signal.items() if len(rows)]
-    times = said["response_time_s"].dropna()
+        tracks += [
+            _track(rows, caught, one, protocol, task.id, own)
+            for one, rows in by_signal.items()
+            if rows["included"].any()
+        ]
+    times = said.loc[said["included"], "response_time_s"].dropna()
     return TaskDetections(
         task=task,
         trials=len(trials),
-        unanswered=len(trials) - len(said),
+        unanswered=int((trials["answered"] == NO_ANSWER).sum()),
         response_time_s=float(times.median()) if len(times) else None,
         tracks=tuple(tracks),
         catches=tuple(catches),
@@ -242,18 +254,21 @@ def _track(rows: pd.DataFrame, caught: Catches, signal: str, protocol: Protocol,
     planned = protocol.task(task)
     level = rows["level"].fillna(1.0).to_numpy(dtype=np.float64)
     x, right = 20 * np.log10(level), (rows["lead"] == rows["claimed"]).to_numpy(dtype=bool)
-    turned = reversals(right.tolist(), planned.levels)
+    turned, kept = reversals(right.tolist(), planned.levels), rows["included"].to_numpy(dtype=bool)
     steps = tuple(
         Step(int(trial), float(at), float(db), str(said), bool(good), place in turned)
         for place, (trial, at, db, said, good) in enumerate(
             zip(rows["trial"], level, x, rows["answered"], right, strict=True)
         )
+        if kept[place]
     )
-    guess = 0.5 if own.intervals == 2 else (caught.false_alarms + 0.5) / (caught.trials + 1) if caught.trials else 0.0
-    estimate = threshold_by_rule(x, right, turned, planned.levels)
-    by_level = tuple(_at_level(rows[level == at], caught, own) for at in sorted(set(level.tolist())))
+    guess = 0.5 if own.intervals == 2 else caught.false_alarms / max(caught.trials, 1)
+    estimate = threshold_by_rule(x, right, turned, planned.levels, kept)
+    by_level = tuple(_at_level(rows[kept & (level == at)], caught, own) for at in sorted(set(level[kept].tolist())))
     fitted, statement, at_share = None, "", None
     try:
+        if guess == 1:
+            raise NotDefined("a psychometric function needs a catch trial that is no yes")
         counts = np.array([(one.x_db, one.right, one.trials) for one in by_level]).T
         fitted = fit(*counts, guess=guess)
         at_share = _where(fitted, estimate.share)
@@ -302,9 +317,12 @@ def reversals(right: Sequence[bool], levels: Levels | None) -> tuple[int, ...]:
     return tuple(turned)
 
 
-def threshold_by_rule(x: Floats, right: np.ndarray, turned: Sequence[int], levels: Levels | None) -> Estimate:
+def threshold_by_rule(
+    x: Floats, right: np.ndarray, turned: Sequence[int], levels: Levels | None, kept: np.ndarray
+) -> Estimate:
     """Return the threshold by the rule of the levels, from levels x in dB and right answers, each of shape (trials,).
 
+    `turned` are the places of reversals; of the trials only those `kept`, shape (trials,), count.
     Of an up-down track, the mean of the levels at its reversals with the last step, of which an even number, the last,
     count (Levitt 1971): it is where p^down = up / (up + 1) are right. Of `quest-plus` and `psi`, mean and standard
     deviation of the posterior on the protocol's own thresholds, spreads and lapses.
@@ -314,20 +332,21 @@ def threshold_by_rule(x: Floats, right: np.ndarray, turned: Sequence[int], level
     if levels.down is not None:
         up = levels.up or 1
         share = (up / (up + 1)) ** (1 / levels.down)
-        last = list(turned)[len(levels.steps or (1,)) - 1 :]
+        last = [place for place in turned[len(levels.steps or (1,)) - 1 :] if kept[place]]
         last = last[len(last) % 2 :]
         if not last:
             return Estimate("reversals", None, None, share, "too few reversals with the last step")
-        at = np.asarray(x)[last]
+        at = x[last]
         return Estimate("reversals", float(at.mean()), float(at.std(ddof=1)), share)
-    t = 20 * np.log10(np.asarray(levels.thresholds))
+    t, x, right = 20 * np.log10(np.asarray(levels.thresholds)), x[kept], right[kept]
     guess, log = levels.guess or 0.0, np.zeros((len(t), len(levels.spreads_db or ()), len(levels.lapses or ())))
     for i, at in enumerate(t.tolist()):
         for j, spread in enumerate(levels.spreads_db or ()):
             for k, lapse in enumerate(levels.lapses or ()):
                 share = np.clip(psychometric(x, at, spread, guess, lapse), 1e-12, 1 - 1e-12)
                 log[i, j, k] = np.log(np.where(right, share, 1 - share)).sum()
-    weight = np.exp(log - log.max()).sum(axis=(1, 2))
-    weight /= weight.sum()
+    known = np.exp(log - log.max())
+    known /= known.sum()
+    weight, lapse = known.sum(axis=(1, 2)), float(known.sum(axis=(0, 1)) @ np.asarray(levels.lapses))
     center = float(weight @ t)
-    return Estimate("posterior", center, float(np.sqrt(weight @ (t - center) ** 2)), guess + (1 - guess) / 2)
+    return Estimate("posterior", center, float(np.sqrt(weight @ (t - center) ** 2)), guess + (1 - guess - lapse) / 2)

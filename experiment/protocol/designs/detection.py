@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from palpate.experiment.protocol.designs import Meaning, PlannableTest, ProtocolDesign
-from palpate.experiment.protocol.kinds import NAMES, kind_of, number_at, table_at, tables_at
+from palpate.experiment.protocol.kinds import NAMES, kind_of, list_at, number_at, table_at, tables_at
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.settings.load import Broken, Confined, Key, Name, Table
 
@@ -69,7 +69,7 @@ def _rules(table: Table) -> Iterator[Broken]:
     `blank` is a material of which its kind of trial plays nothing; two intervals and catch trials need it, and every
     task presents it. `intervals` are as many as a trial of the kind may present. Orders are not `max-run`. With two,
     there are no `catch_trials`, and each signal has an even number of trials. No material has `key` or `spoken`,
-    and `answers.microphone` is false.
+    and `answers.microphone` is false. A test `threshold` names tasks with levels.
     """
     if table.get("detection") is None:
         yield Broken(("detection",), "a table: tasks of the design 'detection' need it")
@@ -89,6 +89,25 @@ def _rules(table: Table) -> Iterator[Broken]:
     yield from _blank(table, own, shown)
     for i, task in tables_at(table, "tasks"):
         yield from _task(task, ("tasks", i), own, shown)
+    yield from _limits(table, own)
+    fixed = {str(task.get("id")) for _, task in tables_at(table, "tasks") if task.get("levels") is None}
+    for i, test in tables_at(table, "analysis"):
+        for j, one in enumerate(list_at(test, "tasks")):
+            if test.get("test") == "threshold" and one in fixed:
+                yield Broken(("analysis", i, "tasks", j), "a task with levels: at one level there is no threshold")
+
+
+def _limits(table: Table, own: Table) -> Iterator[Broken]:
+    """Yield limits of `answers-below` above the trials of the shortest task."""
+    each, catches = number_at(own, "signal_trials") or 1, number_at(own, "catch_trials") or 0
+    every, trials = [one.get("id") for _, one in tables_at(table, "materials")], []
+    for _, task in tables_at(table, "tasks"):
+        signals = [one for one in list_at(task, "materials") or every if one != own.get("blank")]
+        trials.append((number_at(task, "repetitions") or 0) * (len(signals) * each + catches))
+    for i, rule in tables_at(table, "exclusion"):
+        limit, most = number_at(rule, "limit"), min(trials, default=0)
+        if rule.get("when") == "answers-below" and limit is not None and limit > most > 0:
+            yield Broken(("exclusion", i, "limit"), f"at most {most}, the trials of the shortest task")
 
 
 def _blank(table: Table, own: Table, shown: int) -> Iterator[Broken]:
@@ -108,7 +127,7 @@ def _blank(table: Table, own: Table, shown: int) -> Iterator[Broken]:
 
 def _task(task: Table, place: tuple[str | int, ...], own: Table, shown: int) -> Iterator[Broken]:
     presented, repetitions = task.get("materials"), number_at(task, "repetitions")
-    if isinstance(presented, tuple) and (own.get("blank") or presented[0]) not in presented:
+    if isinstance(presented, tuple) and presented and (own.get("blank") or presented[0]) not in presented:
         yield Broken((*place, "materials"), "detection.blank among others")
     if isinstance(presented, tuple) and [*presented] == [own.get("blank")]:
         yield Broken((*place, "materials"), "a signal among others")

@@ -25,6 +25,7 @@ from palpate.experiment.protocol.blocks import (
     named,
     number,
 )
+from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 from palpate.experiment.protocol.page import rendering
 from palpate.experiment.protocol.page.words import design_words, kind_words
@@ -320,6 +321,8 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
     if paired := design_words(protocol.tasks[0]).pairs(protocol):
         yield Gap()
         yield Said(paired)
+    has_others = design_of(protocol.tasks[0].design).named(protocol)
+    others = "" if has_others else "; answers may be any of the study's materials"
     for task in protocol.tasks:
         wanted = task.familiarisation
         yield Gap()
@@ -329,7 +332,11 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             ("Kind of trial", task.kind),
             ("Design", task.design),
             ("Stimuli", kind_words(task).sources[task.stimulus]),
-            *((("Materials", f"{', '.join(map(named, task.materials))} {_ALONE}"),) if task.materials else ()),
+            *(
+                (("Materials", f"{', '.join(map(named, task.materials))} alone are presented{others}"),)
+                if task.materials
+                else ()
+            ),
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
@@ -340,9 +347,6 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
 
 def _noun(protocol: Protocol) -> str:
     return design_words(protocol.tasks[0]).noun
-
-
-_ALONE = "alone are presented; answers may be any of the study's materials"
 
 
 def _order(task: Task, presented: str) -> str:

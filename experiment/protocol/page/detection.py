@@ -12,8 +12,8 @@ def _block(protocol: Protocol) -> str:
     blank = "" if own.blank is None else f", which is every material but {named(own.blank)}"
     if own.intervals == 2:
         return (
-            f"{of_signals}{blank}. A trial presents a signal and {named(own.blank or '')}; in half of the trials of a "
-            "signal, drawn at random before the first trial, the signal comes first, in the other half second."
+            f"{of_signals}{blank}. A trial presents a signal and {named(own.blank or '')}; in half of the trials "
+            "drawn for a signal, at random and before the first trial, it comes first, in the other half second."
         )
     if not own.catch_trials:
         return f"{of_signals}{blank}. Every trial presents a signal."

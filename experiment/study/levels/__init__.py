@@ -63,7 +63,7 @@ class Tracks:
                 entry = TrackEnded(track=track, why=method.ends if is_over else "trials")
                 yield entry
                 done = done.after(entry)
-        if states.keys() <= done.ended:
+        if states.keys() <= done.ended and any(method.level(state) is None for state in states.values()):
             for name in sorted({*catches.values()} - done.ended):
                 entry = TrackEnded(track=name, why="tracks")
                 yield entry

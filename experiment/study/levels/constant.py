@@ -1,7 +1,8 @@
 """Constant stimuli: each level of the grid as often as any other, drawn before the first trial, whatever is answered.
 
 A track has each level once in every so many of its trials as there are levels, in an order that is drawn from the
-session's seed, so that a trial which is done again has the level that it had.
+session's seed, so that a trial which is done again has the level that it had. Of two such passes the second has each
+level in the other order of what a trial presents.
 """
 
 from __future__ import annotations
@@ -43,11 +44,18 @@ def levels_by_trial(header: Header, grid: Sequence[float], catches: Collection[i
     Without a grid no level is drawn.
     """
     found: dict[int, float] = {}
+    turned: dict[float, tuple[str, ...]] = {}
     for track in sorted({one.track for one in header.order}):
         draws = Draws("constant levels", header.seed, header.participant, header.task, track)
-        trials = [one.trial for one in header.order if one.track == track and one.trial not in catches]
-        for first in range(0, len(trials) if grid else 0, len(grid) or 1):
-            found |= zip(trials[first:], draws.shuffled(grid), strict=False)
+        trials = [one for one in header.order if one.track == track and one.trial not in catches]
+        for place, one in enumerate(trials if grid else ()):
+            if place % len(grid) == 0:
+                left = draws.shuffled(grid)
+            if place % (2 * len(grid)) == 0:
+                turned = {}
+            level = next((level for level in left if turned.get(level) != one.presented), left[0])
+            left.remove(level)
+            turned[level], found[one.trial] = one.presented, level
     return found
 
 

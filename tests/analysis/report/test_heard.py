@@ -79,6 +79,7 @@ def test_where_nothing_listened_that_is_in_place_of_the_table(tmp_path: Path) ->
     (section,) = played_sections(read(write_dataset(tmp_path, {"1": {"virtual": [bare]}}, tasks=("virtual",))))
     assert len(section.tables) == 1
     assert UNLISTENED in section.paragraphs
+    assert "no accelerometer" not in UNLISTENED
 
 
 @pytest.mark.parametrize("cell", ["1.0 | 2.0", " | ".join(["nan"] * 18)])

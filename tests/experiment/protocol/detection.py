@@ -35,7 +35,9 @@ def detecting(
     (task,) = study["tasks"]
     task = task | {"design": "detection"} | ({"levels": levels} if levels else {})
     planned = tuple(
-        {"test": test, "tasks": (task["id"],), "question": "How much is felt?"} for test in ("threshold", "sensitivity")
+        {"test": test, "tasks": (task["id"],), "question": "How much is felt?"}
+        for test in ("threshold", "sensitivity")
+        if levels or test == "sensitivity"
     )
     return study | {
         "materials": tuple({"id": one["id"], "description": one["description"]} for one in study["materials"]),

@@ -11,7 +11,7 @@ from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.designs.detection import signals
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.levels import facts
-from palpate.experiment.protocol.page import advice
+from palpate.experiment.protocol.page import advice, page
 from palpate.experiment.settings.load import find
 from palpate.experiment.study.schedule import block_trials, schedule
 from tests.experiment.protocol import detection, rating
@@ -38,6 +38,7 @@ DESIGN = design_of("detection")
         (1, ("materials", 0, "key"), "x", "materials[0].key"),
         (1, ("tasks", 0, "order"), {"kind": "max-run", "max_run": 2}, "tasks[0].order.kind"),
         (1, ("tasks", 0, "materials"), ("felt",), "tasks[0].materials"),
+        (1, ("analysis", 0, "test"), "threshold", "analysis[0].tasks[0]"),
         (1, ("answers", "microphone"), True, "answers.microphone"),
         (1, ("analysis", 0, "test"), "equivalence", "analysis[0].test"),
     ],
@@ -109,7 +110,35 @@ def test_right_is_what_was_presented() -> None:
     assert not any(DESIGN.catches(two, one) for one in laid)
 
 
+def test_a_task_without_materials_and_a_study_without_a_blank_are_refused_in_words() -> None:
+    tables = detecting(1)
+    tables["detection"] = {"intervals": 1, "yes_key": "1", "no_key": "2"}
+    broken = changed(tables, ("tasks", 0, "materials"), ())
+    assert "tasks[0].materials" in {one.field for one in find(ProtocolFile, broken, {})}
+
+
+@pytest.mark.parametrize(("limit", "is_refused"), [(12, False), (13, True)])
+def test_a_limit_of_answers_is_at_most_the_trials_of_the_shortest_task(limit: int, is_refused: bool) -> None:
+    """4 blocks of 2 trials of a signal and 1 catch trial, 4 (2 + 1) = 12."""
+    tables = detecting(1)
+    assert len(tables["materials"]) == 2
+    few = {"id": "few", "when": "answers-below", "limit": limit, "action": "exclude-participant", "reason": "few"}
+    tables["exclusion"] = (*tables["exclusion"], few)
+    fields = {one.field for one in find(ProtocolFile, tables, {})}
+    assert fields == ({f"exclusion[{len(tables['exclusion']) - 1}].limit"} if is_refused else set())
+
+
+def test_a_board_reads_no_other_answers_than_there_are() -> None:
+    tables = detecting(1)
+    names = tuple(one["id"] for one in tables["materials"])
+    tables["tasks"] = ({**tables["tasks"][0], "materials": names},)
+    known = ProtocolFile.model_validate(tables)
+    assert "answers may" not in " ".join(page(known, "study.toml").split())
+
+
 def test_constant_levels_come_equally_often_or_are_refused() -> None:
+    fields = {one.field for one in find(ProtocolFile, detecting(2, CONSTANT, repetitions=2), {})}
+    assert fields == {"tasks[0].repetitions"}
     fields = {one.field for one in find(ProtocolFile, detecting(1, CONSTANT, repetitions=3), {})}
     assert fields == {"tasks[0].repetitions"}
     known = protocol(1, CONSTANT, repetitions=2)

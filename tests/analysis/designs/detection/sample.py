@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,12 +56,18 @@ def _numbered(rows: Sequence[dict[str, object]]) -> list[dict[str, object]]:
     return [{"trial": number, "attempt": 1, "counted": True, **row} for number, row in enumerate(rows, start=1)]
 
 
-def dataset(root: Path, intervals: int = 1, **changed: Any) -> Path:
+def dataset(
+    root: Path, intervals: int = 1, rows: Mapping[str, list[dict[str, object]]] | None = None, **changed: Any
+) -> Path:
     tables = TABLES[intervals] | changed
     sessions = (
-        {who: {"one": yes_no_rows(counts)} for who, counts in YES_NO.items()}
-        if intervals == 1
-        else {"1": {"one": two_rows(TRACK)}}
+        {who: {"one": own} for who, own in rows.items()}
+        if rows
+        else (
+            {who: {"one": yes_no_rows(counts)} for who, counts in YES_NO.items()}
+            if intervals == 1
+            else {"1": {"one": two_rows(TRACK)}}
+        )
     )
     write_dataset(
         root, sessions, study="small", materials=NAMES, tasks=("one",), origin="REHEARSAL", kind="presented",

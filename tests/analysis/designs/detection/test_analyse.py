@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomlkit
 from syrupy.assertion import SnapshotAssertion
 
 import palpate
 from palpate.analysis.analyse import Analysis, analyse
 from palpate.analysis.designs.detection import results
 from palpate.analysis.export import files
-from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.dataset import read, read_pooled
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.models import Levels
 from palpate.experiment.study.levels.quest_plus import QuestPlus
-from tests.analysis.designs.detection.sample import SIGNAL, dataset
+from tests.analysis.designs.detection.sample import SIGNAL, TABLES, dataset, two_rows, yes_no_rows
 from tests.approved import anywhere
+from tests.experiment.protocol.detection import UP_DOWN
 from tests.experiment.study.levels.test_up_down import naive_reversals
 
 
@@ -60,7 +63,7 @@ C_YES_NO = (1.138282339853, 0.826275119302, 0.215951261424, -0.255430255987)
 def test_guesses_of_yes_or_no_are_false_alarms(analysed: Analysis) -> None:
     (task,) = analysed.results.tasks
     assert [(one.trials, one.false_alarms) for one in task.catches] == [(20, 2), (20, 1)]
-    assert [one.guess for one in task.tracks] == pytest.approx([2.5 / 21, 1.5 / 21])
+    assert [one.guess for one in task.tracks] == pytest.approx([2 / 20, 1 / 20])
     assert {one.estimate.method for one in task.tracks} == {"constant"}
     assert task.thresholds[0].fitted.n == 2
 
@@ -102,8 +105,64 @@ def test_a_posterior_is_that_of_the_session() -> None:
     for level, said in answers:
         state = method.step(state, level=level, right=said)
     x, right = (np.array(one) for one in zip(*answers, strict=True))
-    found = results.threshold_by_rule(20 * np.log10(x), right, (), rule)
+    found = results.threshold_by_rule(20 * np.log10(x), right, (), rule, np.ones(5, dtype=bool))
     assert (found.db, found.sd) == pytest.approx(method.threshold_db(state), abs=1e-9)
+    one = rule.model_copy(update={"lapses": (0.04,)})
+    found = results.threshold_by_rule(20 * np.log10(x), right, (), one, np.ones(5, dtype=bool))
+    # Half of what is neither guessed nor missed: 0.5 + (1 - 0.5 - 0.04) / 2.
+    assert found.share == pytest.approx(0.73)
+
+
+def test_a_staircase_turned_by_a_trial_that_is_left_out(tmp_path: Path) -> None:
+    """Three down, one up by RRRWRRRW: turned at its 4th, 7th and 8th trial, whichever of the others is left out."""
+    tasks = (TABLES[2]["tasks"][0] | {"levels": UP_DOWN | {"down": 3}},)
+    left_out = ({"id": "off", "when": "undelivered", "action": "exclude-trial", "reason": "not played"},)
+    rows = [one | {"delivered": one["trial"] != 1} for one in two_rows("+++-+++-")]
+    root = dataset(tmp_path / "study", 2, rows={"1": rows}, tasks=tasks, exclusion=left_out)
+    (track,) = results.compute(read(root)).tasks[0].tracks
+    assert [one.trial for one in track.steps if one.reversal] == [4, 7, 8]
+    assert [one.trial for one in track.steps] == [2, 3, 4, 5, 6, 7, 8]
+
+
+def test_catch_trials_without_a_yes_move_no_threshold(tmp_path: Path) -> None:
+    fits = set()
+    for catches in (2, 5, 20):
+        rows = yes_no_rows([(0, 20), (1, 20), (9, 20), (20, 20), (0, catches)])
+        (track,) = results.compute(read(dataset(tmp_path / str(catches), rows={"1": rows}))).tasks[0].tracks
+        fits.add(track.fit)
+    assert [one.guess for one in fits if one] == [0]
+
+
+def test_nobody_who_says_yes_to_every_catch_trial_has_a_fit(tmp_path: Path) -> None:
+    rows = yes_no_rows([(9, 10), (10, 10), (10, 10), (10, 10), (4, 4)])
+    (track,) = results.compute(read(dataset(tmp_path / "study", rows={"1": rows}))).tasks[0].tracks
+    assert (track.guess, track.fit) == (1, None)
+
+
+def test_catch_trials_alone_are_no_threshold_and_no_error(tmp_path: Path) -> None:
+    root = dataset(tmp_path / "study", rows={"1": yes_no_rows([(0, 0)] * 4 + [(1, 4)])})
+    assert palpate.detect(read(root)).to_frame().empty
+    assert "thresholds.csv" in files(read(root))
+    (asked, *_) = analyse([root], tmp_path / "out", figures=False).sections[0].asked
+    assert len(asked.answer.split()) > 2
+
+
+def test_pooled_sessions_keep_the_version_of_their_protocol_and_their_keys_may_differ(tmp_path: Path) -> None:
+    keys = TABLES[1]["detection"] | {"yes_key": "8"}
+    rows = {who: yes_no_rows([(2, 10), (4, 10), (9, 10), (10, 10), (3, 20)]) for who in "12"}
+    north, south = dataset(tmp_path / "north"), dataset(tmp_path / "south", rows=rows, detection=keys)
+    amended = TABLES[1] | {"study": TABLES[1]["study"] | {"title": "Amended"}}
+    (north / "sourcedata" / "protocol-2.toml").write_text(tomlkit.dumps(amended), "utf-8")
+    described = json.loads((north / "dataset_description.json").read_text("utf-8"))
+    described["Palpate"]["Versions"] = [
+        {"Protocol": file, "Sessions": [f"sub-{who}_task-one"]}
+        for file, who in (("protocol.toml", "1"), ("protocol-2.toml", "2"))
+    ]
+    (north / "dataset_description.json").write_text(json.dumps(described), "utf-8")
+    pooled = read_pooled([north, south])
+    assert len(results.compute(pooled).tasks[0].tracks) == 4
+    plans = [pooled.parts[0].plan(f"north-{who}", "one") for who in "12"]
+    assert [one.study.title == "Amended" for one in plans if one] == [False, True]
 
 
 def test_files_for_other_software_have_each_trial_of_each_track(tmp_path: Path) -> None:

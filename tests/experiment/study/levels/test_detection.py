@@ -134,6 +134,34 @@ def test_constant_levels_are_balanced_and_no_answer_changes_them() -> None:
     assert list(tracks.upcoming(before)) == list(tracks.upcoming(before.after(corrected)))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_constant_levels_are_balanced_over_intervals(seed: int) -> None:
+    """32 trials of a signal, with it first in half at each of 4 levels, and in every 8 of them."""
+    study = protocol(2, CONSTANT, repetitions=16)
+    recorded = simulated(study, seed, chance_above)
+    levels, done = done_levels(recorded), progress(recorded)
+    for signal in [one.id for one in study.materials[:-1]]:
+        shown = [(levels[one.trial], one.presented[0]) for one in done.header.order if signal in one.presented]
+        wanted = {(level, first): 4 for level in CONSTANT["grid"] for first in (signal, BLANK)}
+        assert Counter(shown) == wanted
+        assert {len({*shown[at : at + 8]}) for at in range(0, 32, 8)} == {8}
+
+
+def test_a_staircase_has_its_signal_first_in_half_of_any_four_trials() -> None:
+    order = schedule(protocol=TWO, participant="01", task_id=TWO.tasks[0].id, seed=1)
+    for signal in [one.id for one in TWO.materials[:-1]]:
+        first = [one.presented[0] == signal for one in order if signal in one.presented]
+        assert {sum(first[at : at + 4]) for at in range(0, len(first), 4)} == {2}
+
+
+@pytest.mark.parametrize("seed", range(9, 12))
+def test_tracks_that_have_all_their_trials_leave_every_catch_trial(seed: int) -> None:
+    recorded = simulated(FIXED, seed, yes_or_no)
+    said = [entry for entry in recorded if isinstance(entry, Answer)]
+    assert sum(one.trial not in done_levels(recorded) for one in said) == 6
+    assert {one.why for one in recorded if isinstance(one, TrackEnded)} == {"trials"}
+
+
 def done_levels(recorded: Sequence[Entry]) -> dict[int, float]:
     return dict(progress(recorded).levels)
 
