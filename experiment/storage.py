@@ -405,7 +405,8 @@ def withdrawal_path(dataset: Path, participant: str) -> Path:
 
 def left_of(dataset: Path, participant: str) -> list[Path]:
     """Return all that a dataset holds of a participant, but for the roster, their withdrawal, and a lock."""
-    source = participant_folder(dataset, participant).glob("[!.]*")
+    folder = participant_folder(dataset, participant)
+    source = (*folder.glob("[!.]*"), *_on_their_way(folder))
     tables = dataset.glob(f"sub-{participant}")
     return [path for path in (*source, *tables) if path != withdrawal_path(dataset, participant)]
 
@@ -413,6 +414,16 @@ def left_of(dataset: Path, participant: str) -> list[Path]:
 def facts_path(dataset: Path, participant: str) -> Path:
     """Return where what a participant was asked about themselves stands inside a dataset."""
     return participant_folder(dataset, participant) / f"sub-{participant}_facts.json"
+
+
+def answers_of(dataset: Path, participant: str) -> list[Path]:
+    """Return every file that may hold what a participant was asked about themselves, with what a kill left."""
+    folder = participant_folder(dataset, participant)
+    return sorted([*folder.glob(f"sub-{participant}_facts*.json"), *_on_their_way(folder)])
+
+
+def _on_their_way(folder: Path) -> Iterator[Path]:
+    return (path for path in folder.glob(".palpate-*") if TEMPORARY.fullmatch(path.name))
 
 
 def rig_path(journal_file: Path) -> Path:

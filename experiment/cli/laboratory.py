@@ -2,6 +2,7 @@
 
 import gc
 import sys
+from collections.abc import Mapping
 from datetime import date
 from functools import partial
 from pathlib import Path
@@ -94,7 +95,7 @@ def enrol(
 
     sealing.refuse_unfilled(protocol_file, files.load(protocol_file))
     _check_roster(protocol_file, dataset, pilot=pilot)
-    given = _ask_facts(protocol_file, fact or [])
+    given = _ask_facts(protocol_file, fact or [], {})
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
     _record_sharing(protocol_file, participant, sharing, path.parent.parent)
@@ -105,8 +106,8 @@ def enrol(
         options.say(f"palpate: {told}", err=True)
 
 
-def _ask_facts(protocol_file: Path, fact: list[str]) -> dict[str, str]:
-    """Return what was given of what a participant is asked, and of the rest what is typed at a terminal."""
+def _ask_facts(protocol_file: Path, fact: list[str], kept: Mapping[str, object]) -> dict[str, str]:
+    """Return what was given of what a participant is asked; if nothing was, what is typed of what has no answer yet."""
     from palpate.experiment.protocol import files
 
     given: dict[str, str] = {}
@@ -121,12 +122,16 @@ def _ask_facts(protocol_file: Path, fact: list[str]) -> dict[str, str]:
     from palpate.experiment.study.people import facts
 
     facts.read(protocol, given)
-    for one in facts.facts(protocol) if sys.stdin.isatty() and sys.stdout.isatty() else ():
-        while one.id not in given:
-            typed = options.ask(f"{one.question} ({one.allowed}; nothing for no answer) ")
+    if given or not (sys.stdin.isatty() and sys.stdout.isatty()):
+        return given
+    if known := [f"{name}={value}" for name, value in kept.items() if value is not None]:
+        options.say(f"On record, to be corrected with --fact: {', '.join(known)}")
+    for one in (one for one in facts.facts(protocol) if kept.get(one.id) is None):
+        while typed := options.ask(f"{one.question} ({one.allowed}; nothing for no answer) "):
             try:
                 one.read(typed)
                 given[one.id] = typed
+                break
             except ValueError:
                 options.say(f"got {quoted(typed)}; allowed: {one.allowed}", err=True)
     return given
@@ -154,13 +159,18 @@ def facts(
     The protocol says what is asked ([[asked.people]]). The answers stand in a file of the participant's own and in
     participants.tsv; the roster has a hash with a salt, which goes with the file. A withdrawal deletes all of them.
     """
+    from palpate.experiment import storage
     from palpate.experiment.study import enrolment
+    from palpate.experiment.study.people import facts
+    from palpate.experiment.study.roster import Roster
 
     _check_roster(protocol_file, dataset)
-    given = _ask_facts(protocol_file, fact or [])
+    root = enrolment.study_begun(protocol_file, dataset)
+    kept = facts.answers(root, Roster.load(storage.roster_path(root)), participant)
+    given = _ask_facts(protocol_file, fact or [], kept)
     if not given:
         raise RosterError("got no --fact", remedy="give one for each answer", allowed="--fact ID=ANSWER")
-    _record_facts(protocol_file, participant, given, enrolment.study_begun(protocol_file, dataset))
+    _record_facts(protocol_file, participant, given, root)
 
 
 def _record_sharing(protocol_file: Path, participant: str, agreed: bool | None, dataset: Path | None) -> None:

@@ -67,7 +67,10 @@ def build(root: Path, each: Each = map) -> None:
     if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
         raise DatasetError(root, "got no journal", "run a session first", allowed="one or more")
     import_module("palpate.experiment.dataset.outside.accidents").keep_attributes(root, LABELS[dataset.purpose])
-    bids.write_files(study_files(root, dataset))
+    files = study_files(root, dataset)
+    if any(path.parent.name == "phenotype" for path in files) and not (root / "phenotype").exists():
+        storage.owners_alone(root)
+    bids.write_files(files)
     for _ in each(partial(_build_session, dataset), [of[0] for of in dataset.sessions]):
         pass
 
@@ -110,7 +113,9 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         answered = import_module("palpate.experiment.dataset.phenotype").files(root, dataset, origin)
         facts = import_module("palpate.experiment.study.people.facts")
         asked = {name: one.column() for name, one in facts.columns((*dataset.versions.values(), protocol)).items()}
-        people = [row | facts.answers(root, str(row["participant_id"]).removeprefix("sub-")) for row in people]
+        for row in people:
+            own = facts.answers(root, dataset.people, str(row["participant_id"]).removeprefix("sub-"))
+            row |= {name: value for name, value in own.items() if name in asked}
     simulated = origin in ("PRACTICE", "REHEARSAL")
     of_kind, folder = f"{protocol.tasks[0].kind}.toml", Path(__file__).with_name("kinds")
     readme: dict[str, str] = {}

@@ -383,7 +383,8 @@ def _facts(dataset: Dataset) -> Iterable[Finding]:
     if not any(getattr(one, "asked", None) for one in dataset.versions.values()):
         return ()
     facts = import_module("palpate.experiment.study.people.facts")
-    wrong: Iterable[Finding] = facts.findings(dataset.root, dataset.people)
+    known = facts.columns((*dataset.versions.values(), dataset.protocol))
+    wrong: Iterable[Finding] = facts.findings(dataset.root, dataset.people, known)
     return wrong
 
 

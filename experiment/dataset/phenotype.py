@@ -26,13 +26,21 @@ def files(root: Path, dataset: Dataset, origin: bids.Origin) -> bids.Files:
 
 
 def shared(part: Path, dataset: Dataset, labels: Mapping[str, str], origin: bids.Origin) -> bids.Files:
-    """Return the tables of the questionnaires that the protocol shares, under new `labels` and without texts."""
-    sharing, known = dataset.protocol.sharing, _questionnaires(dataset)
+    """Return the tables of the questionnaires that the protocol shares, under new `labels` and without texts.
+
+    They have the items of the latest version, and no answer that is none to its item today.
+    """
+    sharing, asked = dataset.protocol.sharing, dataset.protocol.find(Asked)
+    known = {one.id: one for one in asked.questionnaires} if asked is not None else {}
     answers = _answers(dataset)
     written: bids.Files = {}
     for one in (known[name] for name in (sharing.questionnaires if sharing is not None else ())):
-        rows = {labels[who]: row for who, row in answers.get(one.id, {}).items() if who in labels}
         kept = one.model_copy(update={"items": tuple(item for item in one.items if item.answer != "text")})
+        rows = {
+            labels[who]: {item.id: row[item.id] for item in kept.items if item.has(str(row.get(item.id)))}
+            for who, row in answers.get(one.id, {}).items()
+            if who in labels
+        }
         written |= _table(part, kept, rows, origin) if rows and kept.items else {}
     return written
 

@@ -40,8 +40,6 @@ class Study(Confined):
         participants: number of people.
     """
 
-    RULES: ClassVar[Rules] = rules.study
-
     id: Label
     title: Text
     source: Text

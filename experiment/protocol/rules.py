@@ -40,11 +40,7 @@ EARLIEST = date(1950, 1, 1)
 DEVICES = {"con", "prn", "aux", "nul", *(f"{kind}{number}" for kind in ("com", "lpt") for number in range(1, 10))}
 """No file or folder of Windows has such a name."""
 
-
-def study(table: Table) -> Iterator[Broken]:
-    """`id` is no name that Windows keeps for a device, such as `aux` or `com1`: files are named after it."""
-    if table.get("id") in DEVICES:
-        yield Broken(("id",), "a name that Windows does not keep for a device")
+NO_DEVICE = "a name that Windows does not keep for a device"
 
 
 def ethics(table: Table) -> Iterator[Broken]:
@@ -174,9 +170,14 @@ def protocol(table: Table) -> Iterator[Broken]:
 
     Each of `[[asked.people]]` and `[[asked.questionnaires]]` has an id of its own, and so has each item of one; a
     questionnaire names a task. `sharing.facts` are ids of people's facts that are no text, and numbers among them have
-    a `group`; `sharing.questionnaires` are ids.
+    a `group`, and have columns of their own there; `sharing.questionnaires` are ids.
+
+    From format 7 on no study or questionnaire has a name that Windows keeps for a device, such as `aux` or `com1`:
+    files are named after them.
     """
     yield from _kinds(table)
+    if (number_at(table, "format") or OWN_ANSWERS) >= OWN_ANSWERS and table_at(table, "study").get("id") in DEVICES:
+        yield Broken(("study", "id"), NO_DEVICE)
     for name in ("materials", "tasks", "exclusion"):
         yield from _seen_once(
             [((name, i, "id"), one.get("id")) for i, one in tables_at(table, name)], "a name of its own"

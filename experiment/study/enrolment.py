@@ -242,8 +242,7 @@ def sharing(protocol_file: Path, participant: str, agreed: bool, *, root: Path |
     if protocol.sharing is None:
         raise RosterError(protocol_file, "has no table [sharing]", "this study shares no data, and asks nobody")
     root = study_begun(protocol_file, root)
-    if not _is_version(root, protocol):
-        raise _other_version(root, protocol_file)
+    check_on_record(root, protocol_file, protocol)
     known = Roster.continued(storage.roster_path(root))
     known.check_enrolled(participant)
     known.agree_to_sharing(participant, agreed, protocol, day(wall_ns()))
@@ -312,15 +311,21 @@ def settle(
 
 
 def follow(root: Path, protocol_file: Path, protocol: Protocol) -> None:
-    """Have a dataset follow its changed protocol until a consent or a session. Raises `DatasetError` after that."""
+    """Have a dataset follow its changed protocol until a consent, a fact or a session. Raises `DatasetError` then."""
     if _is_version(root, protocol):
         return
     kept, known = storage.protocol_path(root), Roster.load(storage.roster_path(root))
     same = files.load(kept).study.id == protocol.study.id and {*known.consent_on} <= {*labels(protocol)}
-    if not same or approvals.has_begun(root) or any(known.consent_on.values()):
+    if not same or approvals.has_begun(root) or any(known.consent_on.values()) or known.facts:
         raise _other_version(root, protocol_file)
     approval.seal_path(kept).unlink(missing_ok=True)
     files.keep(protocol_file, kept)
+
+
+def check_on_record(root: Path, protocol_file: Path, protocol: Protocol) -> None:
+    """Raise `DatasetError` for a protocol that is none of the dataset's versions."""
+    if not _is_version(root, protocol):
+        raise _other_version(root, protocol_file)
 
 
 def _other_version(root: Path, protocol_file: Path) -> DatasetError:

@@ -5,9 +5,9 @@ from collections.abc import Iterable
 from datetime import date
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
-from palpate.experiment.protocol.models import Sharing
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.load import Line
 
@@ -53,9 +53,18 @@ def criteria_sha256(criteria: Iterable[str]) -> str:
     return hashlib.sha256("\n".join(" ".join(one.split()) for one in criteria).encode()).hexdigest()
 
 
-def sharing_sha256(rule: Sharing | None) -> str:
-    """Return the SHA-256 of what participants are asked to share, 64 hexadecimal digits; empty for nothing."""
-    return hashlib.sha256(rule.model_dump_json(exclude_defaults=True).encode()).hexdigest() if rule else ""
+def sharing_sha256(protocol: Protocol) -> str:
+    """Return the SHA-256 of what participants are asked to share, 64 hexadecimal digits; empty for nothing.
+
+    Beside the table `[sharing]` these are the facts and the questionnaires that it names, as they are asked.
+    """
+    if (rule := protocol.sharing) is None:
+        return ""
+    shared: list[BaseModel] = [rule]
+    for asked, names in (("people", rule.facts), ("questionnaires", rule.questionnaires)):
+        shared += [one for one in getattr(getattr(protocol, "asked", None), asked, ()) if one.id in names]
+    text = "".join(one.model_dump_json(exclude_defaults=True) for one in shared)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 class Facts(Entry):

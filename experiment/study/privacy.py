@@ -13,7 +13,7 @@ CLOSING = "take that from them (chmod -R go-rwx), or use a file system that has 
 
 
 def readable_by_others(dataset: Path) -> tuple[Path, ...]:
-    """Return which of a dataset's folder of people, seed and roster others on this machine can read."""
+    """Return which of a dataset's folder of people, seed, roster and tables of answers others here can read."""
     source = dataset / "sourcedata"
     if (
         sys.platform == "win32"
@@ -22,6 +22,8 @@ def readable_by_others(dataset: Path) -> tuple[Path, ...]:
     ):
         return ()
     places = (source, storage.seed_path(dataset), storage.roster_path(dataset)) if _is_open(source, 0o11) else (source,)
+    asked = (dataset / "participants.tsv",) if any(source.glob("sub-*/sub-*_facts.json")) else ()
+    places += (*asked, *sorted(dataset.glob("phenotype/*.tsv")))
     return tuple(one for one in places if one.exists() and _is_open(one, 0o44))
 
 
@@ -42,7 +44,7 @@ _KNOWN = re.compile(
     |sub-(?P<of>\w+)/beh/sub-(?P=of)_task-\w+_(events|recording-\w+_physio)\.(tsv|tsv\.gz|json)
     |sourcedata/(protocol(-\d+)?(\.seal)?\.toml|(seed|rehearsal|shared)\.json|roster\.(jsonl|head)|anchors\.log|README|\w+\.csv
         |\.roster\.jsonl\.lock|\.study\.lock
-        |sub-(?P<who>\w+)/(\.sub-(?P=who)\.lock|sub-(?P=who)_(withdrawn|shared|facts)\.json|voices/[\w.-]+|[\w-]+\.(csv|toml)
+        |sub-(?P<who>\w+)/(\.sub-(?P=who)\.lock|sub-(?P=who)_(withdrawn|shared|facts(\.new)?)\.json|voices/[\w.-]+|[\w-]+\.(csv|toml)
             |sub-(?P=who)_task-\w+_(journal\.(jsonl|head)|foot\.cobs|force\.bin))))""",
     re.VERBOSE | re.DOTALL,
 )

@@ -115,7 +115,7 @@ class Voices(Entry):
 class Sharing(Entry):
     """A participant agreed that their data are shared, or did not; the last such line holds for what is shared next.
 
-    The hash is that of the protocol's table, as `sharing_sha256` has it: who agreed to another is asked anew.
+    The hash is that of what the protocol shares, as `sharing_sha256` has it: who agreed to else is asked anew.
     """
 
     kind: Literal["sharing"] = "sharing"
@@ -278,7 +278,7 @@ class Roster:
 
     def agree_to_sharing(self, participant: str, agreed: bool, protocol: Protocol, today: date) -> None:
         """Record whether data may be shared as a protocol says. Raises `RosterError` if not enrolled, or withdrawn."""
-        sha256 = sharing_sha256(protocol.sharing)
+        sha256 = sharing_sha256(protocol)
         self._append(Sharing, participant=participant, agreed=agreed, sharing_sha256=sha256, told_on=today)
 
     def share(self, participants: tuple[str, ...], today: date) -> None:

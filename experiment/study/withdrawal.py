@@ -37,7 +37,8 @@ def withdraw(
         if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
             check_reason(protocol_file, root, reason)
             known.withdraw(participant, reason)
-        storage.facts_path(root, participant).unlink(missing_ok=True)
+        for told in storage.answers_of(root, participant):
+            storage.remove(told)
         if erase:
             _erase(root, known, participant)
         else:

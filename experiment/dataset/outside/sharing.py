@@ -210,7 +210,7 @@ def _chosen(dataset: Dataset, listed: Sequence[str]) -> tuple[list[str], dict[st
         words = "if its board allows it, add that table, seal the amended protocol, and record it: {}"
         remedy = Remedy(words, ("palpate", "amend", "PROTOCOL"), suffices=False)
         raise DatasetError(dataset.root, "its protocol has no table [sharing], so nothing may be shared", remedy)
-    terms = sharing_sha256(dataset.protocol.sharing)
+    terms = sharing_sha256(dataset.protocol)
     reasons = {label: _absent(roster, terms, label, listed) for label in roster.consent_on}
     chosen = [label for label in listed if not reasons[label]]
     if not chosen:

@@ -3,12 +3,15 @@
 A protocol without a table `[asked]` asks nothing, and a session of one loads nothing of what asks.
 """
 
+import re
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from palpate.experiment.protocol.kinds import list_at, number_at, table_at, tables_at
+from palpate.experiment.protocol.rules import DEVICES, NO_DEVICE
 from palpate.experiment.settings.characters import one_line
 from palpate.experiment.settings.load import MISSING, Broken, Confined, Label, Line, Name, Rules, Table, Text
 from palpate.experiment.storage import Place
@@ -44,6 +47,10 @@ MOST = 1e9
 """No number is larger, or smaller with the other sign."""
 
 Value = str | int | float
+
+_NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[+-]?[0-9]+)?", re.IGNORECASE)
+_TWO_NUMBERS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")
+"""What is a thousand times larger where a comma parts thousands."""
 
 
 def _question(table: Table) -> Iterator[Broken]:
@@ -135,11 +142,18 @@ class Question(Confined):
             raise ValueError(self.allowed)
         return value
 
+    def has(self, cell: str) -> bool:
+        """Return whether a cell of a table is an answer to this, not the number of one."""
+        if self.answer == "choice":
+            return cell in self.values
+        with suppress(ValueError):
+            return self.read(cell) is not None
+        return False
+
     def _number(self, text: str) -> int | float | None:
-        try:
-            value = float(text.replace(",", "."))
-        except ValueError:
+        if not _NUMBER.fullmatch(text) or _TWO_NUMBERS.fullmatch(text):
             return None
+        value = float(text.replace(",", "."))
         least, most = (-MOST if self.least is None else self.least), (MOST if self.most is None else self.most)
         if not least <= value <= most or (self.answer == "scale" and value != int(value)):
             return None
@@ -224,6 +238,8 @@ def broken(table: Table) -> Iterator[Broken]:
     yield from _once(questionnaires, ("asked", "questionnaires"))
     tasks = [one.get("id") for _, one in tables_at(table, "tasks")]
     for i, one in questionnaires:
+        if one.get("id") in DEVICES:
+            yield Broken(("asked", "questionnaires", i, "id"), NO_DEVICE)
         if one.get("task") not in tasks:
             yield Broken(("asked", "questionnaires", i, "task"), f"a task, one of: {', '.join(map(str, tasks))}")
         items = tables_at(one, "items")
@@ -235,8 +251,12 @@ def broken(table: Table) -> Iterator[Broken]:
         if name not in [one.get("id") for _, one in questionnaires]:
             yield Broken(("sharing", "questionnaires", i), "the id of one of [[asked.questionnaires]]")
     of = {one.get("id"): one for _, one in people}
+    columns: set[str] = set()
     for i, name in enumerate(list_at(sharing, "facts")):
         answer = of.get(name, {}).get("answer")
+        if (column := f"{name}_group" if answer == "number" else str(name)) in columns:
+            yield Broken(("sharing", "facts", i), f"a fact with a column of its own: '{column}' is there already")
+        columns.add(column)
         if answer in (None, "text"):
             yield Broken(("sharing", "facts", i), "the id of one of [[asked.people]] that is no text")
         elif answer == "number" and of[name].get("group") is None:

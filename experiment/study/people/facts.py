@@ -6,7 +6,9 @@ that is gone from its hash.
 
 import hashlib
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
+from contextlib import suppress
+from decimal import ROUND_FLOOR, Decimal
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from palpate.experiment.protocol.asked import Asked, Fact, Value
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.settings.characters import quoted
-from palpate.experiment.study.enrolment import study_begun
+from palpate.experiment.study.enrolment import check_on_record, study_begun
 from palpate.experiment.study.roster import Roster
 
 MISSING = "n/a"
@@ -51,10 +53,25 @@ def read(protocol: Protocol, given: Mapping[str, str]) -> dict[str, Value | None
     return values
 
 
-def answers(root: Path, participant: str) -> dict[str, Any]:
-    """Return the answers of a participant, none where there is no file. Raises `DatasetError` if it cannot be read."""
-    path = storage.facts_path(root, participant)
-    return dict(_content(path)["answers"]) if path.exists() else {}
+def answers(root: Path, roster: Roster, participant: str) -> dict[str, Any]:
+    """Return the answers of a participant whose hash the roster has; none where it has none, or they withdrew."""
+    withdrew = participant in roster.withdrawn
+    return {} if withdrew else dict((_on_record(root, roster, participant) or {"answers": {}})["answers"])
+
+
+def _on_record(root: Path, roster: Roster, participant: str) -> dict[str, Any] | None:
+    """Return what the file holds that the roster has the hash of, under either name; None without such a file."""
+    path, known = storage.facts_path(root, participant), roster.facts.get(participant)
+    for one in (path, _new(path)):
+        with suppress(DatasetError):
+            if known is not None and one.exists() and _sha256(content := _content(one)) == known:
+                return content
+    return None
+
+
+def _new(path: Path) -> Path:
+    """Return where the next answers stand until the roster has their hash."""
+    return path.with_suffix(".new.json")
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -71,23 +88,37 @@ def _content(path: Path) -> dict[str, Any]:
 def record(protocol_file: Path, participant: str, given: Mapping[str, str], *, root: Path | None) -> Path:
     """Put answers on record beside those that a participant gave before, and return their file.
 
-    Raises `RosterError` as `read`, and if the participant is not enrolled or has withdrawn; `SessionLocked` during a
-    session.
+    Raises `RosterError` as `read`, and if the participant is not enrolled or has withdrawn; `DatasetError` for a
+    version of the protocol that is not on record, and if an edited or lost file is not replaced as a whole;
+    `SessionLocked` during a session.
     """
-    typed = read(files.load(protocol_file), given)
+    protocol = files.load(protocol_file)
+    typed = read(protocol, given)
     root = study_begun(protocol_file, root)
-    roster = Roster.continued(storage.roster_path(root))
-    roster.check_enrolled(participant)
-    if participant in roster.withdrawn:
-        raise RosterError(f"participant {participant} has withdrawn", remedy="ask nothing more of them")
+    check_on_record(root, protocol_file, protocol)
+    Roster.load(storage.roster_path(root)).check_enrolled(participant)
     path = storage.facts_path(root, participant)
     with journal.locked(storage.participant_folder(root, participant), participant):
+        roster = Roster.continued(storage.roster_path(root))
+        if participant in roster.withdrawn:
+            raise RosterError(f"participant {participant} has withdrawn", remedy="ask nothing more of them")
         # What is not as the roster has it is not taken over: somebody may have edited it.
-        before = answers(root, participant) if not any(_of_participant(root, roster, participant)) else {}
-        kept = {**before, **typed}
+        if not {one.id for one in facts(protocol)} <= {*typed}:
+            for finding in _of_participant(root, roster, participant):
+                raise DatasetError.at(finding)
+        if not roster.facts:
+            storage.owners_alone(root)
+        kept = {**answers(root, roster, participant), **typed}
         content = {"participant": participant, "salt": secrets.token_hex(16), "answers": dict(sorted(kept.items()))}
-        storage.write_json(path, content)
-        roster.keep_facts(participant, _sha256(content))
+        # Until the roster has its hash, the file before counts; after that this one, whatever it is called.
+        storage.write_json(new := _new(path), content)
+        try:
+            roster.keep_facts(participant, _sha256(content))
+        except RosterError:
+            new.unlink()
+            raise
+        new.replace(path)
+        storage.sync_folder(path.parent)
     return path
 
 
@@ -96,26 +127,36 @@ def _sha256(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(storage.json_bytes(content)).hexdigest()
 
 
-def findings(root: Path, roster: Roster) -> Iterator[Finding]:
-    """Yield each file of answers that is not the one of the roster, and each that is left of who withdrew."""
+def findings(root: Path, roster: Roster, known: Container[str]) -> Iterator[Finding]:
+    """Yield what is wrong with files of answers: edited, lost, left of who withdrew, or to what is not `known`."""
     for participant in roster.consent_on:
-        yield from _of_participant(root, roster, participant)
+        wrong = [*_of_participant(root, roster, participant)]
+        yield from wrong
+        if unknown := [] if wrong else [name for name in answers(root, roster, participant) if name not in known]:
+            what, path = (
+                f"has answers to {', '.join(unknown)}, which no version asks",
+                storage.facts_path(root, participant),
+            )
+            yield Finding(what, path, remedy="they are left out of participants.tsv", verdict="warns")
 
 
 def _of_participant(root: Path, roster: Roster, participant: str) -> Iterator[Finding]:
     path, known = storage.facts_path(root, participant), roster.facts.get(participant)
     if participant in roster.withdrawn:
-        if path.exists() and participant not in roster.erased:
-            yield Finding(f"participant {participant} withdrew, and this is here", path, remedy="delete the file")
+        for left in storage.answers_of(root, participant) if participant not in roster.erased else ():
+            yield Finding(f"participant {participant} withdrew, and this is here", left, remedy="delete the file")
         return
-    given = (str(storage.protocol_path(root)), "-p", participant, "--dataset", str(root))
+    if _on_record(root, roster, participant) is not None:
+        return
+    latest = storage.protocol_path(root, roster.approved[-1].number if roster.approved else 1)
+    given = (str(latest), "-p", participant, "--dataset", str(root))
     again = Remedy(
         "restore it from a backup, or have all answers given again: {}", ("palpate", "facts", *given), suffices=False
     )
     try:
-        if path.exists() and _sha256(_content(path)) != known:
+        if path.exists() and _content(path):
             yield Finding("is not the file whose hash the roster has", path, remedy=again)
-        elif known is not None and not path.exists():
+        elif known is not None:
             yield Finding("is missing, and the roster has its hash", path, remedy=again)
     except DatasetError as error:
         yield error.finding
@@ -134,8 +175,11 @@ def shared_text(fact: Fact) -> dict[str, object]:
 
 
 def shared_cell(fact: Fact, cell: str) -> str:
-    """Return the cell of a fact there, of one in participants.tsv."""
-    if fact.group is None or cell == MISSING:
+    """Return the cell of a fact there, of one in participants.tsv; `n/a` for what is no answer to it today."""
+    if cell == MISSING or not fact.has(cell):
+        return MISSING
+    if fact.group is None:
         return cell
-    least = float(cell) // fact.group * fact.group
-    return f"{least:g} to below {least + fact.group:g}"
+    group = Decimal(str(fact.group))
+    least = (Decimal(cell) / group).to_integral_value(ROUND_FLOOR) * group
+    return f"{float(least):g} to below {float(least + group):g}"

@@ -35,6 +35,13 @@ answer = "text"
 reason = "Sports without shoes change the sole."
 """
 
+INCOME = """[[asked.people]]
+id = "income"
+question = "How much do you earn?"
+answer = "text"
+reason = "None."
+"""
+
 SHARING = """[sharing]
 statement = "May your trials be shared?"
 smallest_group = 1

@@ -17,6 +17,7 @@ from palpate.experiment.protocol.models import (
     Step,
 )
 from palpate.experiment.settings import load
+from tests.experiment.protocol.asking import asked
 from tests.experiment.protocol.small import changed, document
 
 SLOW = {"id": "slow", "when": "speed-below", "limit": 30, "action": "exclude-trial", "reason": "x"}
@@ -264,3 +265,19 @@ def test_the_order_of_tasks_is_planned_where_it_changes() -> None:
 def test_a_file_in_json_holds_the_same_protocol() -> None:
     study = ProtocolFile.model_validate(document())
     assert ProtocolFile.model_validate_json(study.model_dump_json()) == study
+
+
+@pytest.mark.parametrize(("number", "fields"), [(6, []), (7, ["study.id"])])
+def test_no_study_is_named_as_a_device_from_format_7_on(number: int, fields: list[str]) -> None:
+    study = {**changed(document(), ("study", "id"), "aux"), "format": number}
+    assert [problem.field for problem in load.find(ProtocolFile, study, {})] == fields
+
+
+def test_no_questionnaire_is_named_as_a_device_and_no_two_shared_facts_have_one_column() -> None:
+    both = asked("one")
+    people = (*both["people"], {**both["people"][1], "id": "age_group"})
+    forms = ({**both["questionnaires"][0], "id": "con"}, both["questionnaires"][1])
+    sharing = {"statement": "May your trials be shared?", "facts": ("age", "age_group")}
+    study = {**document(), "format": 7, "asked": {"people": people, "questionnaires": forms}, "sharing": sharing}
+    fields = [problem.field for problem in load.find(ProtocolFile, study, {})]
+    assert fields == ["asked.questionnaires[0].id", "sharing.facts[1]"]

@@ -6,17 +6,19 @@ import json
 import shutil
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.dataset import build, checks
+from palpate.experiment.dataset import build, checks, phenotype
 from palpate.experiment.dataset.outside import sharing
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.questions import Reply, Report
-from palpate.experiment.errors import PauseAsked
+from palpate.experiment.errors import PauseAsked, RosterError
+from palpate.experiment.protocol import files
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Answer, Footer, Phase, Questioned
 from palpate.experiment.study import enrolment, withdrawal
@@ -137,6 +139,24 @@ def test_a_copy_for_others_has_the_tables_without_texts(study: MadeStudy, tmp_pa
     assert {row["participant_id"] for row in rows} == {path.name for path in out.glob("sub-*")}
     assert not any(b"snorkelling" in path.read_bytes() for path in out.rglob("*") if path.is_file())
     assert verify(out).refused == 0
+
+
+def test_an_agreement_is_to_the_items_and_what_is_no_answer_to_one_today_is_not_shared(
+    study: MadeStudy, tmp_path: Path
+) -> None:
+    run(study, ["3", "shoes", "10", "bog snorkelling"])
+    enrolment.sharing(study.file, "01", True, root=study.root)
+    dataset = checks.load_sound(study.root)
+    text = study.file.read_text("utf-8").replace("most = 7", "most = 2")
+    text = text.replace('question = "What was it like?"\nanswer = "text"', 'question = "?"\nanswer = "number"')
+    (tmp_path / "changed.toml").write_text(text, "utf-8")
+    changed = replace(dataset, protocol=files.load(tmp_path / "changed.toml"))
+    assert sharing._chosen(dataset, ["01"])[0] == ["01"]
+    with pytest.raises(RosterError):
+        sharing._chosen(changed, ["01"])
+    tables = phenotype.shared(tmp_path, changed, {"01": "07"}, "PARTICIPANT")
+    table = {path.name: content.decode().split("\n")[1] for path, content in tables.items() if path.suffix == ".tsv"}
+    assert table == {"before.tsv": "sub-07\tn/a\tshoes", "afterwards.tsv": "sub-07\t10\tn/a"}
 
 
 def test_a_session_without_questionnaires_writes_none(tmp_path: Path) -> None:

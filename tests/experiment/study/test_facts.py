@@ -5,23 +5,30 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import sys
+import tempfile
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from palpate.experiment import storage
+from palpate.experiment.cli import options
 from palpate.experiment.dataset import build, checks
 from palpate.experiment.dataset.outside import sharing
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, PalpateError, RosterError
-from palpate.experiment.study import enrolment, withdrawal
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.asked import Fact
+from palpate.experiment.study import enrolment, privacy, withdrawal
 from palpate.experiment.study.people import facts
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses
 from tests.conftest import Palpate
 from tests.experiment.dataset.outside.test_sharing import licensed
-from tests.experiment.dataset.studies import MadeStudy, make_study
-from tests.experiment.protocol.asking import PEOPLE, SHARING, asking
+from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
+from tests.experiment.protocol.asking import INCOME, PEOPLE, SHARING, asking
 
 GIVEN = {"age": "34", "sex": "Female", "sport": "bog snorkelling"}
 
@@ -39,6 +46,10 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def study(original: Path, tmp_path: Path) -> MadeStudy:
     folder = shutil.copytree(original, tmp_path / "study")
     return MadeStudy(folder / "study.toml", folder / "dataset")
+
+
+def answers(study: MadeStudy, participant: str) -> dict[str, object]:
+    return facts.answers(study.root, Roster.load(storage.roster_path(study.root)), participant)
 
 
 def rows(root: Path) -> list[dict[str, str]]:
@@ -109,11 +120,195 @@ def test_an_edited_file_a_lost_one_and_one_brought_back_show(study: MadeStudy) -
     assert (study.root / "participants.tsv").read_bytes() != table
 
 
-def test_what_was_edited_is_not_taken_over_by_an_answer_that_is_given_later(study: MadeStudy) -> None:
+def test_what_was_edited_is_not_taken_over_and_nothing_is_lost_silently(study: MadeStudy) -> None:
     path = storage.facts_path(study.root, "01")
-    path.write_bytes(path.read_bytes().replace(b": 34", b": 43"))
-    facts.record(study.file, "01", {"experience": "5"}, root=study.root)
-    assert facts.answers(study.root, "01") == {"experience": 5}
+    path.write_bytes(edited := path.read_bytes().replace(b": 34", b": 43"))
+    with pytest.raises(DatasetError):
+        facts.record(study.file, "01", {"experience": "5"}, root=study.root)
+    assert path.read_bytes() == edited
+    facts.record(study.file, "01", {"age": "34", "sex": "", "sport": "", "experience": "5"}, root=study.root)
+    assert answers(study, "01") == {"age": 34, "sex": None, "sport": None, "experience": 5}
+    build.build(study.root)
+    assert verify(study.root).refused == 0
+
+
+class Killed(BaseException):
+    """What ends a process at a place of a test's choice."""
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_a_kill_before_or_after_the_line_of_the_roster_loses_no_answer(
+    study: MadeStudy, monkeypatch: pytest.MonkeyPatch, recorded: bool
+) -> None:
+    keep = Roster.keep_facts
+
+    def keep_and_die(self: Roster, participant: str, sha256: str) -> None:
+        if recorded:
+            keep(self, participant, sha256)
+        raise Killed
+
+    with monkeypatch.context() as dying:
+        dying.setattr(Roster, "keep_facts", keep_and_die)
+        with pytest.raises(Killed):
+            facts.record(study.file, "01", {"experience": "2"}, root=study.root)
+    build.build(study.root)
+    assert (rows(study.root)[0]["age"], rows(study.root)[0]["experience"]) == ("34", "2" if recorded else "n/a")
+    assert verify(study.root).refused == 0
+    facts.record(study.file, "01", {"experience": "3"}, root=study.root)
+    assert answers(study, "01") == {"age": 34, "sex": "female", "sport": "bog snorkelling", "experience": 3}
+    assert [path.name for path in storage.facts_path(study.root, "01").parent.glob("*facts*")] == ["sub-01_facts.json"]
+
+
+def test_answers_are_to_a_version_on_record_and_unknown_ones_are_left_out_of_the_table(
+    study: MadeStudy, palpate: Palpate
+) -> None:
+    asked = study.file.read_text("utf-8")
+    study.file.write_text(asked.replace("[duration]", f"{INCOME}\n[duration]"), "utf-8")
+    with pytest.raises(DatasetError):
+        facts.record(study.file, "01", {"income": "a lot"}, root=study.root)
+    study.file.write_text(asked, "utf-8")
+    path = storage.facts_path(study.root, "01")
+    content = storage.json_of(path.read_bytes())
+    storage.write_json(path, {**content, "answers": {**content["answers"], "income": "a lot"}})
+    Roster.continued(storage.roster_path(study.root)).keep_facts("01", hashlib.sha256(path.read_bytes()).hexdigest())
+    build.build(study.root)
+    assert "income" not in rows(study.root)[0]
+    told = verify(study.root)
+    assert told.refused == 0
+    assert [one.where for one in told.findings if one.verdict == "warns" and one.check == "facts"] == [
+        path.relative_to(study.root).as_posix()
+    ]
+
+
+def test_a_protocol_is_settled_once_a_fact_is_on_record(tmp_path: Path) -> None:
+    study = make_study(tmp_path / "study", enrolled=1, sessions=0, further=asking(SHARING, PEOPLE))
+    other = tmp_path / "other"
+    enrolment.enrol(study.file, "01", None, root=other, seed=1)
+    facts.record(study.file, "01", GIVEN, root=other)
+    study.file.write_text(study.file.read_text("utf-8").replace('id = "sport"', 'id = "sports"'), "utf-8")
+    approval.seal_path(study.file).unlink()
+    with pytest.raises(DatasetError):
+        enrolment.consent(study.file, "01", DAY, root=other)
+
+
+@pytest.mark.parametrize("erase", [False, True])
+def test_what_a_kill_left_goes_with_a_withdrawal_too(study: MadeStudy, *, erase: bool) -> None:
+    folder = storage.facts_path(study.root, "01").parent
+    left = folder / ".palpate-0123456789abcdef"
+    left.write_bytes(b"bog snorkelling")
+    (folder / "sub-01_facts.new.json").write_bytes(b"bog snorkelling")
+    withdrawal.withdraw(study.file, "01", "asked to stop", root=study.root, rebuild=build.build, erase=erase)
+    assert files_with(study.root, "snorkelling") == []
+    left.write_bytes(b"bog snorkelling")
+    assert [one.where for one in verify(study.root).findings if one.refuses] == [
+        left.relative_to(study.root).as_posix()
+    ]
+
+
+def test_a_withdrawal_that_comes_between_leaves_no_answer(study: MadeStudy, monkeypatch: pytest.MonkeyPatch) -> None:
+    check = Roster.check_enrolled
+
+    def check_before_a_withdrawal(self: Roster, participant: str) -> None:
+        check(self, participant)
+        if participant == "03":
+            monkeypatch.undo()
+            withdrawal.withdraw(study.file, participant, "asked to stop", root=study.root, rebuild=build.build)
+
+    monkeypatch.setattr(Roster, "check_enrolled", check_before_a_withdrawal)
+    with pytest.raises(RosterError):
+        facts.record(study.file, "03", GIVEN, root=study.root)
+    assert [*storage.participant_folder(study.root, "03").glob("*facts*")] == []
+
+
+def test_correcting_one_fact_asks_nothing_and_what_is_asked_shows_and_keeps_what_is_on_record(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("stdin", "stdout"):
+        monkeypatch.setattr(f"sys.{name}.isatty", lambda: True, raising=False)
+    asked: list[str] = []
+    typed = {"sex": "female"}
+
+    def ask(question: str) -> str:
+        asked.append(question.split()[1])
+        return typed.get(asked[-1], "")
+
+    monkeypatch.setattr(options, "ask", ask)
+    place = ("facts", study.file, "-p", "02", "--dataset", study.root)
+    assert palpate(*place, "--fact", "age=35")[0] == 0
+    assert asked == []
+    assert answers(study, "02") == {"age": 35, "experience": 2}
+    code, shown, _ = palpate(*place)
+    assert code == 0
+    assert asked == ["sex", "sport"]
+    assert answers(study, "02") == {"age": 35, "experience": 2, "sex": "female"}
+    assert "age=35" in shown
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no modes")
+def test_answers_are_for_their_owner_alone_or_are_named(tmp_path: Path) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        study = make_study(Path(folder) / "study", enrolled=1, sessions=0, further=asking(SHARING, PEOPLE))
+        study.file.parent.chmod(0o755)
+        study.root.chmod(0o755)
+        facts.record(study.file, "01", GIVEN, root=study.root)
+        assert study.root.stat().st_mode & 0o077 == 0
+        tables = study.root / "participants.tsv", study.root / "phenotype" / "tired.tsv"
+        for table in tables:
+            storage.write(table, b"")
+            table.chmod(0o644)
+        assert privacy.readable_by_others(study.root) == ()
+        study.root.chmod(0o755)
+        assert privacy.readable_by_others(study.root) == tables
+
+
+def test_an_agreement_is_to_the_groups_and_what_is_no_answer_today_is_not_shared(
+    study: MadeStudy, tmp_path: Path
+) -> None:
+    licensed(study)
+    for label in ("01", "02"):
+        enrolment.sharing(study.file, label, True, root=study.root)
+    dataset = checks.load_sound(study.root)
+    single = study.file.read_text("utf-8").replace("group = 10", "group = 1")
+    (tmp_path / "single.toml").write_text(single, "utf-8")
+    changed = replace(dataset, protocol=files.load(tmp_path / "single.toml"))
+    assert sharing._chosen(dataset, ["01", "02"])[0] == ["01", "02"]
+    with pytest.raises(RosterError):
+        sharing._chosen(changed, ["01", "02"])
+
+
+NUMBER = {"id": "n", "question": "?", "answer": "number", "reason": "-"}
+CHOICE = {**NUMBER, "answer": "choice", "values": ("left", "right")}
+
+
+@pytest.mark.parametrize(
+    ("fact", "cell", "shared"),
+    [
+        ({**NUMBER, "group": 10}, "some", "n/a"),
+        ({**NUMBER, "group": 10, "most": 50}, "61", "n/a"),
+        ({**NUMBER, "group": 10}, "61.5", "60 to below 70"),
+        ({**NUMBER, "group": 0.1}, "1.2", "1.2 to below 1.3"),
+        ({**NUMBER, "group": 0.1}, "-0.05", "-0.1 to below 0"),
+        ({**NUMBER, "group": 10}, "n/a", "n/a"),
+        (CHOICE, "2", "n/a"),
+        (CHOICE, "right", "right"),
+    ],
+)
+def test_a_cell_is_shared_in_its_group_if_it_is_an_answer(fact: dict[str, Any], cell: str, shared: str) -> None:
+    assert facts.shared_cell(Fact.model_validate(fact), cell) == shared
+
+
+@pytest.mark.parametrize("typed", ["1,500", "12,345", "-1,500", "1_0", "1 0", "١", "inf", "0x1"])
+def test_what_may_be_two_numbers_or_none_is_refused(typed: str) -> None:
+    with pytest.raises(ValueError, match="a number"):
+        Fact.model_validate(NUMBER).read(typed)
+
+
+@pytest.mark.parametrize(
+    ("typed", "number"), [("1,5", 1.5), ("0,125", 0.125), ("1.500", 1.5), ("-2", -2), ("1e3", 1000)]
+)
+def test_a_number_may_have_a_decimal_comma(typed: str, number: float) -> None:
+    assert Fact.model_validate(NUMBER).read(typed) == number
 
 
 @pytest.mark.parametrize(
@@ -173,7 +368,7 @@ def test_enrol_takes_them_and_facts_adds_and_corrects(study: MadeStudy, palpate:
     given = ("--fact", "age=25", "--fact", "sex=", "--consent-on", "2001-09-09")
     assert palpate("enrol", study.file, "-p", "04", *given, *place)[0] == 0
     assert palpate("facts", study.file, "-p", "04", "--fact", "age=26", *place)[0] == 0
-    assert facts.answers(study.root, "04") == {"age": 26, "sex": None}
+    assert answers(study, "04") == {"age": 26, "sex": None}
     for wrong in (("--fact", "age"), ("--fact", "age=4"), ()):
         assert palpate("facts", study.file, "-p", "04", *wrong, *place)[0] == RosterError.exit_code
     assert palpate("enrol", study.file, "-p", "05", "--fact", "age=4", *place)[0] == RosterError.exit_code
