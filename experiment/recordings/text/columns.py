@@ -97,6 +97,8 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     raw = content if plain and not stamps_ns else text.encode()
     shape = _shape_of(text, stated)
     head, begins = _head(text, shape)
+    if next(_rows(text, begins, shape), None) is None:
+        raise _unreadable()
     if shape.delimiter == "," and (points := _decimal_points(text, head, begins, shape, stated)) is not None:
         made = read_columns(points.encode(), points, encoding, replace(stated, decimal="."))
         return replace(made, understood=replace(made.understood, decimal=","))
@@ -119,6 +121,14 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     held = RowLines(text, begins, shape)
     cut, step = _cut(text, shape, decimal), _step(head, shape, decimal)
     return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, begins.start)
+
+
+def _unreadable() -> RecordingError:
+    return RecordingError(
+        "got no line of two or more numbers",
+        remedy="name another file",
+        allowed="WAV, LabVIEW .lvm, or text columns with a column of times",
+    )
 
 
 def _cells(record: Record, shape: _Shape) -> list[str]:
@@ -150,11 +160,7 @@ def _shape_of(text: str, stated: Stated) -> _Shape:
             break
     shape = max(shapes, key=lambda one: (one.rows, one.width > 1))
     if shape.rows < 1 + (shape.width < 2):
-        raise RecordingError(
-            "got no line of two or more numbers",
-            remedy="name another file",
-            allowed="WAV, LabVIEW .lvm, or text columns with a column of times",
-        )
+        raise _unreadable()
     if shape.width == 1 and stated.rate_hz is None:
         remedy = stated.remedy("state its rate", "--rate", rate_in(text[:TAIL]))
         raise RecordingError("got one column and no times", remedy=remedy, allowed="times, or a rate that is stated")
@@ -228,7 +234,7 @@ def _decimal_points(
     stated that commas are decimal. Raises `RecordingError` where that is not clear.
     """
     rows = [_cells(one, shape) for one in islice(_rows(text, begins, shape), SAMPLE)]
-    if stated.decimal == "." or not all(map(_WHOLE.fullmatch, chain.from_iterable(rows))):
+    if stated.decimal == "." or not all(map(_are_whole, rows)):
         return None
     timed, named = _named(head, shape, np.array([float(row[0]) for row in rows]))
     if named == shape.width:
@@ -247,6 +253,10 @@ def _decimal_points(
         allowed="decimal points, another sign than commas between cells, or --decimal . if all are whole",
         line=begins.line,
     )
+
+
+def _are_whole(cells: Sequence[str]) -> bool:
+    return bool(cells) and all(map(_WHOLE.fullmatch, cells))
 
 
 def _like_decimals(behind: Sequence[Sequence[str]], *, untimed: bool) -> bool:

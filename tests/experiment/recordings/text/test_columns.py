@@ -190,3 +190,10 @@ def test_times_in_days_of_a_spreadsheet_are_asked_about_as_such(tmp_path: Path) 
     with pytest.raises(RecordingError) as refused:
         read(path)
     assert "--time-unit d" in str(refused.value.finding.remedy)
+
+
+@pytest.mark.parametrize("text", [",9,71\n\n\n\t1e308", "time (s)xgtime (s)0.5,increment \n9,71\n\n"])
+def test_rows_that_hold_nothing_end_in_a_refusal(tmp_path: Path, text: str) -> None:
+    (tmp_path / "odd.csv").write_text(text, "utf-8")
+    with pytest.raises(RecordingError):
+        read(tmp_path / "odd.csv", stated=Stated(rate_hz=1000.0))
