@@ -4,6 +4,7 @@ The session's end is one thread that waits for no console: a slow one misses vie
 """
 
 import hmac
+import secrets
 import selectors
 import socket
 import threading
@@ -33,6 +34,9 @@ MOST_UNREAD = 1 << 20
 
 BEAT_S = 0.5
 """What has not changed for so long is told again, s: whoever hears nothing knows that the session stands still."""
+
+MOST_STRANGERS = 16
+"""So many that have not shown that they know the secret may be connected."""
 
 AWAY_S = 5.0
 """One that reads nothing for so long although something is there, as a process does that was stopped, is away, s."""
@@ -66,7 +70,9 @@ class _Peer:
     def __init__(self, connection: socket.socket, secret: bytes) -> None:
         self.connection = connection
         self.secret = secret
-        """What it has to show before it is heard; nothing once it has."""
+        """What it has to know before it is heard; nothing once it has shown that."""
+        self.expected = b""
+        """What shows that, once it has sent its nonce."""
         self.hello: messages.Hello | None = None
         self.read = bytearray()
         self.unsent = bytearray()
@@ -75,7 +81,7 @@ class _Peer:
 
     @property
     def away(self) -> bool:
-        """Whether it stopped reading, or has not shown the secret."""
+        """Whether it stopped reading, or has not shown that it knows the secret."""
         return bool(self.unsent or self.secret) and time.monotonic() - self.read_s > AWAY_S
 
 
@@ -156,7 +162,13 @@ class Link:
                 return
 
     def _accept(self) -> None:
-        connection, _ = self._server.accept()
+        try:
+            connection, _ = self._server.accept()
+        except OSError:  # Whoever came has left, or no more files can be open.
+            return
+        if sum(bool(peer.secret) for peer in self._peers) >= MOST_STRANGERS:
+            connection.close()
+            return
         connection.setblocking(False)
         peer = _Peer(connection, self._secret)
         self._peers.append(peer)
@@ -164,7 +176,7 @@ class Link:
 
     def _hear(self, peer: _Peer) -> None:
         try:
-            read = peer.connection.recv(len(peer.secret) - len(peer.read) if peer.secret else messages.LONGEST)
+            read = peer.connection.recv(transport.SECRET - len(peer.read) if peer.secret else messages.LONGEST)
         except OSError:
             read = b""
         peer.read += read
@@ -184,15 +196,19 @@ class Link:
                 return
 
     def _admit(self, peer: _Peer) -> None:
-        """Hear one that has shown the secret from now on, and show it that this is the session."""
-        if len(peer.read) < len(peer.secret):
+        """Show one that sent its nonce that this is the session, and hear it once it has shown the same."""
+        if len(peer.read) < transport.SECRET:
             return
-        if not hmac.compare_digest(bytes(peer.read), peer.secret):
+        shown, peer.read = bytes(peer.read), bytearray()
+        if not peer.expected:
+            nonce = secrets.token_bytes(transport.SECRET)
+            peer.unsent += nonce + transport.shown_by(peer.secret, b"session", shown + nonce)
+            peer.expected = transport.shown_by(peer.secret, b"console", shown + nonce)
+            self._speak(peer)
+        elif hmac.compare_digest(shown, peer.expected):
+            peer.secret = b""
+        else:
             self._drop(peer)
-            return
-        peer.unsent += transport.shown_by(peer.secret)
-        peer.secret, peer.read = b"", bytearray()
-        self._speak(peer)
 
     def _obey(self, peer: _Peer, said: messages.Hello | messages.Command) -> None:
         if isinstance(said, messages.Hello):

@@ -19,14 +19,16 @@ from pathlib import Path
 from typing import Self
 
 import pytest
+import serial
 
 from palpate.experiment import storage
+from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor import triggers as doctor
 from palpate.experiment.apparatus.wires import lsl, triggers
 from palpate.experiment.apparatus.wires.settings import TriggerEvents, TriggerRig
-from palpate.experiment.apparatus.wires.triggers import SessionTriggers
-from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.apparatus.wires.triggers import SessionTriggers, TriggerLine
+from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.messages import Stop
 from palpate.experiment.errors import RigError
@@ -46,6 +48,9 @@ baud = 115200
 events = {{ start = 1, trial = 2, stimulus = 3, answer = 4, pause = 5, end = 6 }}
 """
 LSL = '\n[[triggers]]\ndriver = "lsl"\nstream = "{name}"\nevents = {{ trial = 20, stimulus = 30 }}\n'
+
+
+GUIDE = "experiment/apparatus/README.md"
 
 
 class Wire(PseudoTerminal):
@@ -117,11 +122,11 @@ def test_a_session_is_followed_on_two_lines_and_the_journal_has_what_was_sent(tm
         markers = [one for one in sent if one.line == 2]
         heard = [listener.stdout.readline().split() for _ in markers]
     assert [int(number) for number, _ in heard] == [one.number for one in markers]
-    # Both clocks are this machine's, and a marker is dated at its event.
+    # Both clocks are this machine's, and a marker is dated at its event, however late it left.
     began_ns = time.time_ns() - time.monotonic_ns()
     off_s = [began_ns / 1e9 + float(at_s) - one.due_ns / 1e9 for (_, at_s), one in zip(heard, markers, strict=True)]
-    assert max(off_s) - min(off_s) < 0.01
-    assert all(one.late_ms is not None and 0 <= one.late_ms < 1000 for one in sent)
+    assert max(off_s) - min(off_s) < 0.5
+    assert all(one.late_ms is not None and one.late_ms >= 0 for one in sent)
     assert verify(desk.root).refused == 0
 
 
@@ -129,11 +134,15 @@ class Fake:
     """A line that does what a test has it do."""
 
     def __init__(self, settings: TriggerRig) -> None:
-        self.goes = threading.Event()
+        self.goes, self.begins = threading.Event(), threading.Event()
         self.sent: list[int] = []
+        self.cores: set[int] = set()
         self.fault: OSError | None = None
+        self.closes: OSError | None = None
 
     def send(self, number: int, late_s: float) -> None:
+        self.cores = os.sched_getaffinity(0)
+        self.begins.set()
         self.goes.wait()
         if self.fault is not None:
             raise self.fault
@@ -141,49 +150,112 @@ class Fake:
 
     def close(self) -> None:
         self.goes.set()
+        if self.closes is not None:
+            raise self.closes
 
 
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> Fake:
     made = Fake(TriggerRig(driver="fake:Fake", events=TriggerEvents(trial=1)))
-    monkeypatch.setattr(triggers, "open_line", lambda *_: made)
+    for opens in (triggers, doctor):
+        monkeypatch.setattr(opens, "open_line", lambda *_: made)
     return made
 
 
-def followed(folder: Path, told: list[str], opened: ExitStack) -> SessionTriggers:
+def followed(folder: Path, told: list[str], opened: ExitStack, clock: Clock) -> SessionTriggers:
     rig = rigs.load(rig_file(folder, TTL.format(driver="fake:Fake", port="none")))
-    return triggers.open_triggers(rig, MonotonicClock(), told.append, opened)
+    return triggers.open_triggers(rig, clock, told.append, opened)
+
+
+@pytest.fixture
+def clock() -> ManualClock:
+    """A session's time, which the test moves; a line that waits for it looks again after so long in real time."""
+    return ManualClock(1_000_000_000_000)
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The end of a session waits for its lines as long as a busy machine takes."""
+    monkeypatch.setattr(triggers, "ENDS_S", 30.0)
 
 
 ARMED = Armed(trial=1, attempt=1, presented=("foil",))
 
 
 def test_a_line_that_hangs_delays_nothing_and_is_on_record_and_shown(
-    tmp_path: Path, fake: Fake, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, fake: Fake, clock: ManualClock
 ) -> None:
-    monkeypatch.setattr(triggers, "HANGS_NS", 50_000_000)
     told: list[str] = []
     with ExitStack() as opened:
         opened.callback(fake.goes.set)
-        line = followed(tmp_path, told, opened)
-        begun_s = time.monotonic()
+        line = followed(tmp_path, told, opened, clock)
+        # Who waited for the line would wait for ever.
         line.after(Resumed(torn="", remaining=()))
+        assert fake.begins.wait(30)
         line.after(ARMED)
-        time.sleep(0.1)
+        assert line.before(ARMED) == ()
+        clock.sleep_ns(triggers.HANGS_NS)
         (lost,) = line.before(ARMED)
-        assert time.monotonic() - begun_s < 0.15
         assert [(one.event, one.late_ms) for one in lost.sent] == [("start", None), ("trial", None)]
-        line.before(Footer(reason="paused", answered=0))
-        assert time.monotonic() - begun_s < 0.5
+        # What comes while it still hangs is on record each time.
+        for _ in range(2):
+            line.after(ARMED)
+            clock.sleep_ns(triggers.HANGS_NS // 2)
+            (lost,) = line.before(ARMED)
+            assert [(one.event, one.late_ms) for one in lost.sent] == [("trial", None)]
+        (lost,) = line.before(Footer(reason="paused", answered=0))
+        assert [one.event for one in lost.sent] == ["pause"]
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_line_that_comes_back_sends_nothing_that_is_long_past(tmp_path: Path, fake: Fake, clock: ManualClock) -> None:
+    told: list[str] = []
+    with ExitStack() as opened:
+        opened.callback(fake.goes.set)
+        line = followed(tmp_path, told, opened, clock)
+        line.after(Resumed(torn="", remaining=()))
+        assert fake.begins.wait(30)
+        clock.sleep_ns(triggers.HANGS_NS)
+        line.before(ARMED)
+        line.after(ARMED)
+        clock.sleep_ns(triggers.HANGS_NS)
+        fake.goes.set()
+        (ended,) = line.before(Footer(reason="complete", answered=0))
+        assert [(one.event, one.late_ms is None) for one in ended.sent] == [("trial", True), ("end", False)]
+    assert (fake.sent, len(told)) == ([1, 6], 1)
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_driver_that_fails_to_close_is_told_of(tmp_path: Path, fake: Fake, clock: ManualClock) -> None:
+    told: list[str] = []
+    fake.closes = OSError("pulled out")
+    with ExitStack() as opened:
+        followed(tmp_path, told, opened, clock)
     assert len(told) == 1
 
 
-def test_a_line_that_fails_is_told_of_once_and_sends_again_when_it_can(tmp_path: Path, fake: Fake) -> None:
+@pytest.mark.usefixtures("patient")
+def test_a_line_keeps_off_the_core_of_its_session(tmp_path: Path, fake: Fake, clock: ManualClock) -> None:
+    others = frozenset(sorted(os.sched_getaffinity(0))[:1])
+    left = host._left.set(others)
+    fake.goes.set()
+    with ExitStack() as opened:
+        opened.callback(host._left.reset, left)
+        line = followed(tmp_path, [], opened, clock)
+        line.after(ARMED)
+        assert fake.begins.wait(30)
+    assert fake.cores == others
+
+
+@pytest.mark.usefixtures("patient")
+def test_a_line_that_fails_is_told_of_once_and_sends_again_when_it_can(
+    tmp_path: Path, fake: Fake, clock: ManualClock
+) -> None:
     told: list[str] = []
     fake.goes.set()
     fake.fault = OSError("pulled out")
     with ExitStack() as opened:
-        line = followed(tmp_path, told, opened)
+        line = followed(tmp_path, told, opened, clock)
         for _ in range(2):
             line.after(ARMED)
         (ended,) = line.before(Footer(reason="error", answered=0))
@@ -194,6 +266,9 @@ def test_a_line_that_fails_is_told_of_once_and_sends_again_when_it_can(tmp_path:
         (again,) = line.before(Footer(reason="paused", answered=0))
     assert [one.late_ms is None for one in again.sent] == [False, False]
     assert (fake.sent, len(told)) == ([2, 5], 1)
+
+
+AHEAD_NS = 30_000_000
 
 
 class Scheduling:
@@ -217,43 +292,53 @@ class Scheduling:
         return self.withdraws
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_stimulus_is_sent_at_the_onset_that_was_aimed_at_last_and_not_if_it_is_withdrawn(
-    tmp_path: Path, fake: Fake
+    tmp_path: Path, fake: Fake, clock: ManualClock
 ) -> None:
-    clock = MonotonicClock()
     fake.goes.set()
+
+    def past(line: SessionTriggers) -> None:
+        """Let what was aimed at pass, and its trigger be sent."""
+        clock.sleep_ns(AHEAD_NS)
+        line._lines[0].settle(30)
+
     with ExitStack() as opened:
-        line = followed(tmp_path, [], opened)
+        line = followed(tmp_path, [], opened, clock)
         playing = Scheduling()
         actuator = line.following(playing)  # type: ignore[arg-type]
         # The probe of the masker is of no trial.
         actuator.landed(0)
         line.after(ARMED)
         actuator.prepare(None)  # type: ignore[arg-type]
-        actuator.aim(clock.now_ns() + 5_000_000_000)
-        onset_ns = clock.now_ns() + 30_000_000
+        actuator.aim(clock.now_ns() + 100 * AHEAD_NS)
+        onset_ns = clock.now_ns() + AHEAD_NS
         assert actuator.aim(onset_ns)
         actuator.landed(onset_ns)
-        time.sleep(0.06)
+        past(line)
         actuator.prepare(None)  # type: ignore[arg-type]
-        actuator.aim(clock.now_ns() + 30_000_000)
+        actuator.aim(clock.now_ns() + AHEAD_NS)
         actuator.withdraw()
-        time.sleep(0.06)
+        past(line)
         actuator.prepare(None)  # type: ignore[arg-type]
-        late_ns = clock.now_ns() + 30_000_000
+        late_ns = clock.now_ns() + AHEAD_NS
         actuator.aim(late_ns)
         # What can no longer be moved or withdrawn is sent.
         playing.withdraws = False
         assert not actuator.aim(-1)
         assert not actuator.withdraw()
-        time.sleep(0.06)
+        past(line)
         actuator.prepare(None)  # type: ignore[arg-type]
+        at_once_ns = clock.now_ns() + playing.lead_ns
         actuator.landed(clock.now_ns())
+        assert not actuator.withdraw()
+        past(line)
         line.after(Redo(trial=1, attempt=1, reason="a test", put_off=True))
+        actuator.prepare(None)  # type: ignore[arg-type]
         actuator.landed(clock.now_ns())
         (sent,) = line.before(Footer(reason="complete", answered=0))
     assert [one.event for one in sent.sent] == ["trial", "stimulus", "stimulus", "stimulus", "end"]
-    assert [one.due_ns for one in sent.sent[1:3]] == [onset_ns, late_ns]
+    assert [one.due_ns for one in sent.sent[1:4]] == [onset_ns, late_ns, at_once_ns]
     assert sent.sent[1].late_ms is not None
     assert sent.sent[1].late_ms >= 0
 
@@ -271,17 +356,46 @@ def test_the_doctor_sends_its_test_and_says_what_each_line_is_for(
     assert [one.verdict for one in doctor.checks(rig, clock=MonotonicClock())] == ["passes", "refuses", "refuses"]
 
 
-def test_the_driver_of_the_guide_clears_what_it_sends(tmp_path: Path, wire: Wire, repository_root: Path) -> None:
-    guide = (repository_root / "experiment" / "apparatus" / "README.md").read_text("utf-8")
-    found = re.search(r"<!-- trigger driver -->\n```python\n(.*?)```", guide, re.DOTALL)
+def test_the_doctor_refuses_a_driver_that_fails_to_close(tmp_path: Path, fake: Fake) -> None:
+    table = TTL.format(driver="fake:Fake", port="none")
+    rig = rigs.load(rig_file(tmp_path, table, table))
+    fake.goes.set()
+    fake.closes = OSError("pulled out")
+    assert [one.verdict for one in doctor.checks(rig, clock=MonotonicClock())] == ["refuses", "refuses"]
+
+
+def guided(folder: Path, guide: Path, wire: Wire) -> TriggerLine:
+    found = re.search(r"<!-- trigger driver -->\n```python\n(.*?)```", guide.read_text("utf-8"), re.DOTALL)
     assert found
     assert len(found[1].splitlines()) <= 40
-    (tmp_path / "pulsebox.py").write_text(found[1], "utf-8")
-    rig = rigs.load(rig_file(tmp_path, TTL.format(driver="pulsebox:PulseBox", port=wire.url)))
-    with closing(triggers.open_line(rig, 1)) as line:
+    (folder / "pulsebox.py").write_text(found[1], "utf-8")
+    return triggers.open_line(rigs.load(rig_file(folder, TTL.format(driver="pulsebox:PulseBox", port=wire.url))), 1)
+
+
+def test_the_driver_of_the_guide_clears_what_it_sends(tmp_path: Path, wire: Wire, repository_root: Path) -> None:
+    with closing(guided(tmp_path, repository_root / GUIDE, wire)) as line:
         line.send(3, 0.0)
         line.send(4, 0.0)
     assert wire.read(4) == b"\x03\0\x04\0"
+
+
+def test_the_driver_of_the_guide_says_at_the_next_trigger_that_the_last_was_not_cleared(
+    tmp_path: Path, wire: Wire, repository_root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = threading.Event()
+
+    def pulled(_: object, sent: bytes) -> None:
+        if sent == b"\0":
+            gone.set()
+            raise OSError("pulled out")
+
+    line = guided(tmp_path, repository_root / GUIDE, wire)
+    monkeypatch.setattr(serial.Serial, "write", pulled)
+    line.send(3, 0.0)
+    assert gone.wait(30)
+    with pytest.raises(OSError, match="pulled"):
+        line.send(4, 0.0)
+    line.close()
 
 
 def test_without_an_interface_nothing_but_this_machine_is_told() -> None:

@@ -15,14 +15,15 @@ def checks(rig: Rig, *, clock: Clock) -> Iterator[Finding]:
     for number, settings in enumerate(rig.triggers or (), start=1):
         name = f"trigger line {number}"
         try:
-            with closing(open_line(rig, number)) as line:
-                begun_ns = clock.now_ns()
-                try:
+            line = open_line(rig, number)
+            begun_ns = clock.now_ns()
+            try:
+                with closing(line):
                     line.send(TEST, 0.0)
-                except (Exception, SystemExit) as error:  # a driver may raise anything
-                    what = f"{described(settings)}: {type(error).__name__}: {error}"
-                    raise RigError(name, what, "plug it in, or mend its driver") from error
-                took_ms = (clock.now_ns() - begun_ns) / 1e6
+                    took_ms = (clock.now_ns() - begun_ns) / 1e6
+            except (Exception, SystemExit) as error:  # a driver may raise anything
+                what = f"{described(settings)}: {type(error).__name__}: {error}"
+                raise RigError(name, what, "plug it in, or mend its driver") from error
         except RigError as error:
             yield refused(name, error)
         else:

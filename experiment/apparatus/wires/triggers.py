@@ -34,7 +34,7 @@ ENDS_S = 0.2
 """So long the end of a session waits for its lines, s."""
 
 HANGS_NS, HANGS = 1_000_000_000, "the line hangs"
-"""A line that has not sent for so long is lost, ns."""
+"""A line that has not sent for so long is lost, and what is due for so long is not sent any more, ns."""
 
 DRIVERS = {
     LSL: "palpate.experiment.apparatus.wires.lsl:LslTrigger",
@@ -177,7 +177,9 @@ class _Followed:
     def landed(self, contact_ns: int) -> None:
         self._actuator.landed(contact_ns)
         if self._onset_ns is None:
-            self._triggers.stimulus(self._clock.now_ns())
+            # What an audio card is given now is heard after its buffers.
+            self._onset_ns = self._clock.now_ns() + self._actuator.lead_ns
+            self._triggers.stimulus(self._onset_ns)
 
     def withdraw(self) -> bool:
         lines = self._triggers.take_back()
@@ -206,16 +208,17 @@ class _Line:
         self._due: list[tuple[int, str]] = []
         self._sending: tuple[int, str] | None = None
         self._sent: list[Trigger] = []
-        self._lost = self._closing = False
+        self._hung = self._lost = self._closing = False
         self._changed = threading.Condition()
         name = f"trigger line {number}"
         self._thread = threading.Thread(target=self._run, args=(host.joining(),), name=name, daemon=True)
-        self._thread.start()
+        with host.elsewhere():
+            self._thread.start()
 
     def put(self, event: str, due_ns: int) -> None:
         with self._changed:
             if event in self._numbers:
-                self._due = sorted([*self._due, (due_ns, event)])
+                self._due = sorted([*self._due, (due_ns, event)], key=lambda one: one[0])
                 self._changed.notify_all()
 
     def withdraw(self, event: str) -> bool:
@@ -233,11 +236,13 @@ class _Line:
     def take(self) -> tuple[Trigger, ...]:
         """Return what was sent or lost since the last call; what hangs is lost."""
         with self._changed:
-            late_ns = self._clock.now_ns() - HANGS_NS
-            hanging = [] if self._sending is None or self._sending[0] > late_ns else [self._sending, *self._due]
-            self._due = [one for one in self._due if one not in hanging]
-            if hanging:
-                self._sending = None
+            now_ns = self._clock.now_ns()
+            hanging = [self._sending] if self._sending is not None and not self._hung else []
+            hanging = [one for one in hanging if one[0] <= now_ns - HANGS_NS]
+            self._hung = self._hung or bool(hanging)
+            if self._hung:
+                hanging += [one for one in self._due if one[0] <= now_ns]
+                self._due = [one for one in self._due if one[0] > now_ns]
                 newly, self._lost = not self._lost, True
                 if newly:
                     # Whoever asks holds the journal.
@@ -259,7 +264,10 @@ class _Line:
             for due_ns, event in self._upcoming():
                 self._send(due_ns, event)
         finally:
-            self._driver.close()
+            try:
+                self._driver.close()
+            except (Exception, SystemExit) as error:  # a driver may raise anything
+                self._tell(f"Trigger line {self._number} did not close: {_words(error)}.")
 
     def _upcoming(self) -> Iterator[tuple[int, str]]:
         """Yield events as they are due, until the line closes."""
@@ -277,18 +285,21 @@ class _Line:
             yield one
 
     def _send(self, due_ns: int, event: str) -> None:
-        problem = ""
         late_ns = self._clock.now_ns() - due_ns
+        problem = HANGS if late_ns >= HANGS_NS else ""
         try:
-            self._driver.send(self._numbers[event], late_ns / 1e9)
+            if not problem:
+                self._driver.send(self._numbers[event], late_ns / 1e9)
         except (Exception, SystemExit) as error:  # a driver may raise anything, and the session goes on
             problem = _words(error)
         # A byte that waited in the driver left when it returned.
         late_ms = None if problem else (self._clock.now_ns() - due_ns) / 1e6
         with self._changed:
-            if self._sending == (due_ns, event):
+            if self._hung:  # It is on record as lost.
+                problem = HANGS
+            else:
                 self._sent.append(self._record(due_ns, event, late_ms, problem))
-            self._sending = None
+            self._sending, self._hung = None, False
             newly, self._lost = bool(problem) and not self._lost, bool(problem)
             self._changed.notify_all()
         if newly:

@@ -1,9 +1,10 @@
 """Where a session listens for its consoles: a socket that is a file of its user, or a port of this machine.
 
 A system without such sockets has a file in its place, with the port and a secret of 32 bytes. It is for its owner alone
-where files can be, and in the user's own folder anywhere. Whoever connects shows the secret, which is compared before
-anything else of theirs is read, and is shown in turn that the port is the session's, and not of a program that came
-after it. Nothing is bound but the loopback address.
+where files can be, and in the user's own folder anywhere. Nobody sends it. Each side sends 32 random bytes; first the
+session shows that it knows the secret, and is not a program that came after it, by an HMAC (RFC 2104, SHA-256) of its
+role and of both sides' bytes. Nothing else of a console is read before it has shown the same. Nothing is bound but the
+loopback address.
 """
 
 import hashlib
@@ -23,7 +24,7 @@ from palpate.experiment.errors import LinkError
 LOOPBACK = "127.0.0.1"
 
 SECRET = 32
-"""Bytes of a secret, and of what is shown in turn."""
+"""Bytes of a secret, of a nonce, and of what shows that the secret is known."""
 
 PATIENCE_S = 2.0
 """So long a port has to show whose it is, s."""
@@ -75,7 +76,7 @@ def _usable(usual: Path) -> list[Path]:
 
 
 def listening(path: Path) -> tuple[socket.socket, bytes]:
-    """Return a socket that listens, and the secret that whoever connects has to show first: none where it is a file.
+    """Return a socket that listens, and the secret that whoever connects has to know: none where it is a file.
 
     Raises `LinkError` if another session listens there, or if it cannot be made.
     """
@@ -122,9 +123,11 @@ def connect(path: Path) -> socket.socket:
         there.settimeout(PATIENCE_S if secret else None)
         there.connect(address)
         if secret:
-            there.sendall(secret)
-            if not hmac.compare_digest(_exactly(there), shown_by(secret)):
+            there.sendall(nonce := secrets.token_bytes(SECRET))
+            nonces = nonce + _exactly(there)
+            if not hmac.compare_digest(_exactly(there), shown_by(secret, b"session", nonces)):
                 raise ConnectionRefusedError(0, "another program has its port")
+            there.sendall(shown_by(secret, b"console", nonces))
             there.settimeout(None)
     except OSError:
         there.close()
@@ -132,9 +135,9 @@ def connect(path: Path) -> socket.socket:
     return there
 
 
-def shown_by(secret: bytes) -> bytes:
-    """Return what a session that has a secret shows whoever showed it."""
-    return hmac.digest(secret, b"a session of palpate", "sha256")
+def shown_by(secret: bytes, role: bytes, nonces: bytes) -> bytes:
+    """Return what shows that a `session` or a `console` knows the secret, for the console's and the session's nonce."""
+    return hmac.digest(secret, role + nonces, "sha256")
 
 
 def _port_of(path: Path) -> tuple[tuple[str, int], bytes]:

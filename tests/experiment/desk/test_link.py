@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import hmac
 import os
 import socket
 import stat
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from itertools import count
 from pathlib import Path
 from queue import SimpleQueue
@@ -401,19 +402,76 @@ def said_at(port: int, said: bytes) -> bytes:
 
 
 @pytest.mark.usefixtures("without_files")
-@pytest.mark.parametrize("wrong", ["nothing", "another", "the first half of it", "its text"])
+@pytest.mark.parametrize("wrong", ["nothing", "another", "the secret", "its text"])
 def test_who_does_not_show_the_secret_is_neither_heard_nor_told(session: Session, tmp_path: Path, wrong: str) -> None:
     asked = line(ME) + line(Command(id=1, deed=TakeNote(text="Coughs.")))
     with closing(Link(tmp_path / "s", session)):
         port, _, secret = (tmp_path / "s").read_text("ascii").partition(" ")
         shown = {
             "nothing": b"",
-            "another": bytes(transport.SECRET),
-            "the first half of it": bytes.fromhex(secret)[: transport.SECRET // 2] + bytes(transport.SECRET // 2),
+            "another": bytes(2 * transport.SECRET),
+            "the secret": bytes(transport.SECRET) + bytes.fromhex(secret),
             "its text": secret.encode(),
         }
-        assert said_at(int(port), shown[wrong] + asked) == b""
+        # What it shows of itself is of no use without the secret.
+        assert not said_at(int(port), shown[wrong] + asked)[2 * transport.SECRET :]
     assert session.taken == []
+
+
+@pytest.mark.usefixtures("without_files")
+def test_a_session_says_nothing_of_what_it_heard_from_a_console_again(session: Session, tmp_path: Path) -> None:
+    with closing(Link(tmp_path / "s", session)):
+        _, secret = transport._port_of(tmp_path / "s")
+        port = int((tmp_path / "s").read_text("ascii").split()[0])
+        nonce = bytes(transport.SECRET)
+        with socket.create_connection(("127.0.0.1", port)) as there:
+            there.settimeout(10)
+            there.sendall(nonce)
+            theirs = transport._exactly(there)
+            shown = transport._exactly(there)
+            assert shown == transport.shown_by(secret, b"session", nonce + theirs)
+            # What the session showed is not what a console has to show.
+            there.sendall(shown + line(ME))
+            with suppress(OSError):
+                assert there.recv(1) == b""
+        # Nor is what a console showed of use at the next connection.
+        again = nonce + transport.shown_by(secret, b"console", nonce + theirs)
+        assert not said_at(port, again + line(ME))[2 * transport.SECRET :]
+
+
+@pytest.mark.usefixtures("without_files")
+def test_strangers_take_no_more_than_their_places(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link, "AWAY_S", 60.0)
+    with ExitStack() as opened:
+        listening = opened.enter_context(closing(Link(tmp_path / "s", session)))
+        port = int((tmp_path / "s").read_text("ascii").split()[0])
+        for _ in range(link.MOST_STRANGERS):
+            opened.enter_context(socket.create_connection(("127.0.0.1", port)))
+        more = opened.enter_context(socket.create_connection(("127.0.0.1", port)))
+        more.settimeout(30)
+        with suppress(ConnectionError):
+            assert more.recv(1) == b""
+        assert len(listening._peers) == link.MOST_STRANGERS
+
+
+def test_a_console_that_cannot_be_taken_in_ends_no_link(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fails = iter([OSError(24, "too many open files")])
+
+    class Full(socket.socket):
+        def accept(self) -> tuple[socket.socket, object]:
+            for error in fails:
+                raise error
+            return super().accept()
+
+    monkeypatch.setattr(transport, "socket", SimpleNamespace(**{**vars(socket), "socket": Full}))
+    with closing(Link(tmp_path / "s", session)), closing(Line(tmp_path / "s", ME)):
+        assert session.consoles.acquire(timeout=10)
+        assert next(fails, None) is None
+        assert not session.gone.done()
 
 
 @pytest.mark.usefixtures("without_files")
@@ -421,14 +479,24 @@ def test_a_port_that_another_program_has_by_now_is_no_sessions(session: Session,
     with socket.create_server(("127.0.0.1", 0)) as other:
         (tmp_path / "s").write_text(f"{other.getsockname()[1]} {'00' * transport.SECRET}", "ascii")
 
-        def echo() -> None:
+        heard: SimpleQueue[bytes] = SimpleQueue()
+
+        def echo(makes: Callable[[bytes], bytes]) -> None:
             with suppress(OSError):
                 connection, _ = other.accept()
                 with connection:
-                    connection.sendall(connection.recv(4096))
+                    heard.put(said := connection.recv(4096))
+                    connection.sendall(makes(said))
 
-        threading.Thread(target=echo, daemon=True).start()
-        assert not transport.answers(tmp_path / "s")
+        for makes in (
+            bytes,
+            lambda said: said + said,
+            lambda said: hmac.digest(said, b"a session of palpate", "sha256"),
+            lambda said: said + hmac.digest(said, b"session" + said + said, "sha256"),
+        ):
+            threading.Thread(target=echo, args=(makes,), daemon=True).start()
+            assert not transport.answers(tmp_path / "s")
+            assert bytes(transport.SECRET) not in heard.get(timeout=10)
     (tmp_path / "s").write_text("nothing of palpate's", "ascii")
     assert not transport.answers(tmp_path / "s")
     with closing(Link(tmp_path / "s", session)):
