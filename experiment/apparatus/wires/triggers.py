@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 TEST = 255
 """The number that `palpate doctor` sends, and no event has."""
 
-ENDS_S = 0.2
+ENDS_S = 1.0
 """So long the end of a session waits for its lines, s."""
 
 HANGS_NS, HANGS = 1_000_000_000, "the line hangs"

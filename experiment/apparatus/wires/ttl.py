@@ -3,7 +3,7 @@
 from palpate.experiment.apparatus.tracker.serial_port import open_port
 from palpate.experiment.apparatus.wires.settings import TriggerRig
 
-LEAVES_S = 0.05
+LEAVES_S = 1.0
 """A byte that has not left for so long is lost, s."""
 
 
