@@ -5,6 +5,7 @@ This module imports next to nothing, so that `palpate --help` is there at once.
 
 import os
 import sys
+from contextlib import suppress
 
 COMMANDS = {
     "Plan a study": {
@@ -37,7 +38,7 @@ COMMANDS = {
         "person": ("laboratory", "Ask for a participant's name, and store it outside of every dataset."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
         "run": ("session", "Run a participant's visit, or the rest of one."),
-        "desk": ("desk", "Do everything for a study from one screen."),
+        "desk": ("desk", "Do a study's usual steps from one screen."),
         "screen": ("desk", "Open the participant's screen of a session."),
         "status": ("analysis", "Say how far a study is, and what is to be done next."),
         "journal": ("laboratory", "Verify a journal and print it as text."),
@@ -61,12 +62,12 @@ COMMANDS = {
 
 
 def files_with(table: str) -> list[str]:
-    """Return the TOML files of this folder with a table of this name: `study` in a protocol, `rig` in a rig file."""
+    """Return the readable TOML files of this folder with such a table: `study` in a protocol, `rig` in a rig file."""
     heads = (f"[{table}]", f"{table}.", f"{table} =")
     found = []
     for name in sorted(os.listdir()):  # noqa: PTH208
         if name.endswith(".toml") and os.path.isfile(name):  # noqa: PTH113
-            with open(name, encoding="utf-8", errors="replace") as file:  # noqa: PTH123
+            with suppress(OSError), open(name, encoding="utf-8", errors="replace") as file:  # noqa: PTH123
                 found += [name] if any(line.startswith(heads) for line in file) else []
     return found
 
@@ -107,7 +108,7 @@ def overview() -> str:
         "  --version   Print the version.",
         "  -h, --help  Show this message, or the options of the command that it follows.",
         "",
-        "Without a command, in a folder with a protocol: the desk, which does everything for a study.",
+        "Without a command, in a folder with a protocol: the desk, for a study's usual steps.",
     ]
     for heading, part in COMMANDS.items():
         lines += ["", f"{heading}:", *(f"  {name:13}  {purpose}" for name, (_, purpose) in part.items())]

@@ -87,8 +87,9 @@ def run(
     visit.ask_first(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     tasks, today = begun.asked_for, day(begun.clock.now_ns())
     enrolled = admit(root, protocol_file, protocol, begun.allocation, tasks[0], str(rig_file), today).roster
-    # The seal of the first session stays in the dataset, and shows under which approval it was begun.
-    approvals.keep_first(root, protocol_file)
+    with enrolment.settling(root, protocol_file, protocol, None, None):
+        # The seal of the first session stays in the dataset, and shows under which approval it was begun.
+        approvals.keep_first(root, protocol_file)
     begun.consent_on = enrolled.consent_on.get(participant)
     return visit.walk(console=console, tasks=tasks, run=begun.session, noting=begun.noting)
 
@@ -115,7 +116,7 @@ def prepare(
     recordings: Path | None,
     console: Console,
 ) -> "_Visit":
-    """Return a visit that nothing on disk prevents, without opening or asking anything; arguments and errors: `run`."""
+    """Return a visit that nothing on disk prevents; nothing is opened, asked or written. Arguments, errors: `run`."""
     clock = MonotonicClock()
     protocol = files.load(protocol_file)
     today = day(clock.now_ns())
@@ -135,7 +136,7 @@ def prepare(
     asked_first = _is_asked_first(root, protocol, participant)
     if not asked_first:
         _check_roster(root, protocol_file, protocol, participant, today)
-    seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
+    seed = enrolment.settled(root, protocol_file, protocol, None, asked_purpose)
     purpose = enrolment.purpose_of(root)
     if purpose == "PILOT":
         console.tell(Notice(build.LABELS["PILOT"]))

@@ -46,7 +46,8 @@ def admit(
     in the command that a remedy names.
     """
     roster = Roster.load(storage.roster_path(root))
-    all_approvals, on = roster.approvals(approvals.read_first(root, protocol_file)), roster.known_day(today)
+    first = approvals.read_first(root, protocol_file, followed=enrolment.may_follow(root, protocol))
+    all_approvals, on = roster.approvals(first), roster.known_day(today)
     who = allocation.participant
     if (stop := all_approvals.stop(on)) is not None:
         raise approvals.stopped_error(stop)

@@ -113,13 +113,14 @@ class Approvals:
         return next((one.number for one in self.approved if one.seal_sha256 == seal_sha256 is not None), 1)
 
 
-def read_first(root: Path, file: Path | None = None) -> Approved:
+def read_first(root: Path, file: Path | None = None, *, followed: bool = False) -> Approved:
     """Return approval 1 of a dataset, by its kept seal; by that beside `file` while neither session nor amendment is.
 
-    Without a seal nothing runs under it. Raises `ProtocolError` for a protocol or seal that cannot be read.
+    Without a seal nothing runs under it. `followed`: as it is once the dataset follows `file`. Raises `ProtocolError`
+    for a protocol or seal that cannot be read.
     """
     kept = storage.protocol_path(root)
-    own = approval.sha256(files.load(kept))
+    own = approval.sha256(files.load(file if followed and file else kept))
     places = (kept, file) if has_begun(root) else (file, kept)
     sealed = next((one for one in places if one is not None and approval.seal_path(one).exists()), None)
     seal = approval.read(sealed) if sealed is not None else None

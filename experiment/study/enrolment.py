@@ -8,7 +8,8 @@ journal's header; without the salt the hash proves nothing.
 
 import hashlib
 import secrets
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
@@ -70,8 +71,7 @@ def enrol(
     refuse_rehearsal(root)
     if approval.seal_path(protocol_file).exists():
         approval.dataset_seal(protocol_file, protocol)
-    if storage.protocol_path(root).exists():
-        follow(root, protocol_file, protocol)
+    check_known(root, protocol_file, protocol)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
     known = Roster.continued(path)
@@ -81,13 +81,13 @@ def enrol(
     if not path.exists() and any((root / "sourcedata").glob("sub-*")):
         raise DatasetError(root, "has participants and no roster", f"restore {path} and its head from a backup")
     known.check_next(participant)
-    settle(root, protocol_file, protocol, seed, purpose)
     check_current(root, protocol, known, ("palpate", "enrol", "--participant", participant))
-    approvals.keep_first(root, protocol_file)
-    settled = _read_settled(root)
-    all_approvals = known.approvals(approvals.read_first(root))
-    number = all_approvals.version_on(consent_on) if consent_on else 1
-    known.enrol(participant, consent_on, takes, settled.salt and settled.sha256, number)
+    with settling(root, protocol_file, protocol, seed, purpose):
+        approvals.keep_first(root, protocol_file)
+        begun = _read_settled(root)
+        all_approvals = known.approvals(approvals.read_first(root))
+        number = all_approvals.version_on(consent_on) if consent_on else 1
+        known.enrol(participant, consent_on, takes, begun.salt and begun.sha256, number)
     return path
 
 
@@ -151,7 +151,8 @@ def _read_settled(root: Path) -> Settled:
 def approved_on(root: Path, protocol_file: Path) -> date | None:
     """Return the first day of valid consent, from the seal, None without. Raises `ProtocolError` if it is broken."""
     later = (storage.protocol_path(root, 2),) if approvals.is_amended(root) else ()
-    for one in (storage.protocol_path(root), *later, protocol_file):
+    own = () if may_follow(root, files.load(protocol_file)) else (storage.protocol_path(root), *later)
+    for one in (*own, protocol_file):
         if approval.seal_path(one).exists():
             return approval.read(one).approved_on
     return None
@@ -178,7 +179,8 @@ def check_current(root: Path, protocol: Protocol, known: Roster, command: tuple[
     all_approvals = known.approvals(approvals.read_first(root))
     if (stop := all_approvals.stop(today)) is not None:
         raise approvals.stopped_error(stop)
-    check_version(root, protocol, all_approvals.approved[all_approvals.version_on(today) - 1], command)
+    if known.approved:
+        check_version(root, protocol, all_approvals.approved[all_approvals.version_on(today) - 1], command)
 
 
 def consent(
@@ -192,20 +194,20 @@ def consent(
     """
     root = study_begun(protocol_file, root)
     path = storage.roster_path(root)
-    known = Roster.continued(path)
-    if storage.protocol_path(root).exists() and not known.approved:
-        follow(root, protocol_file, files.load(protocol_file))
+    known, protocol = Roster.continued(path), files.load(protocol_file)
+    check_known(root, protocol_file, protocol)
     number, since = 1, approved_on(root, protocol_file)
     if known.approved:
         all_approvals = known.approvals(approvals.read_first(root))
-        given = all_approvals.version_of(approval.sha256(files.load(protocol_file)))
-        if given is None:
-            raise _other_version(root, protocol_file)
+        given = all_approvals.version_of(approval.sha256(protocol)) or 1
         number = known.consented.get(participant, 1) if correction is not None else given
         since = all_approvals.approved[number - 1].approved_on if number > 1 else since
     check_consent(participant, consent_on, approved_on=since, today=day(wall_ns()))
     if correction is None:
-        known.consent(participant, consent_on, number)
+        known.check_consent(participant, consent_on, number)
+        with storage.locked(root / "sourcedata" / LOCK):
+            _follow(root, protocol_file, protocol)
+            known.consent(participant, consent_on, number)
     else:
         check_reason(protocol_file, root, correction)
         known.correct(participant, consent_on, correction)
@@ -282,16 +284,17 @@ def refuse_rehearsal(root: Path) -> None:
         )
 
 
-def settle(
-    root: Path, protocol_file: Path, protocol: Protocol, seed: int | None, purpose: Purpose | None = None
-) -> int:
-    """Save protocol, seed and purpose at the first call, the protocol last; later calls must match."""
-    kept, lock = storage.protocol_path(root), root / "sourcedata" / LOCK
+@contextmanager
+def settling(
+    root: Path, protocol_file: Path, protocol: Protocol, seed: int | None, purpose: Purpose | None
+) -> Iterator[None]:
+    """Save protocol, seed and purpose at first, the protocol last; later ones match, as `settled`, or are followed."""
+    kept = storage.protocol_path(root)
     if not kept.exists() and any(
         _of_something_else(path.relative_to(root), protocol.companions) for path in root.rglob("*")
     ):
         raise DatasetError(root, "this folder holds something else", "choose another folder with --dataset")
-    with storage.locked(lock):
+    with storage.locked(root / "sourcedata" / LOCK):
         if not kept.exists():
             storage.people_folder(root)
             drawn = secrets.randbelow(2**31) if seed is None else seed
@@ -299,27 +302,49 @@ def settle(
             storage.write_json(storage.seed_path(root), settled_as | {"salt": secrets.token_hex(16)})
             storage.owners_alone(storage.seed_path(root))
             files.keep(protocol_file, kept)
-        else:
-            follow(root, protocol_file, protocol)
-    settled = seed_of(root)
+        settled(root, protocol_file, protocol, seed, purpose)
+        _follow(root, protocol_file, protocol)
+        yield
+
+
+def settled(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None, purpose: Purpose | None) -> int:
+    """Return the seed of a dataset that has begun; nothing is written.
+
+    Raises `DatasetError` for another version, seed or purpose, None being any, and as `seed_of`.
+    """
+    check_known(root, protocol_file, protocol)
+    drawn = seed_of(root)
     if purpose not in (None, begun_as := purpose_of(root)):
         what = f"this dataset was begun as a {begun_as}, not as a {purpose}"
         raise DatasetError(root, what, "name another folder with --dataset, and a pilot with --pilot")
-    if seed not in (None, settled):
+    if seed not in (None, drawn):
         raise DatasetError(root, f"the study has another seed than {seed}", "leave out --seed")
-    return settled
+    return drawn
 
 
-def follow(root: Path, protocol_file: Path, protocol: Protocol) -> None:
-    """Have a dataset follow its changed protocol until a consent, a fact or a session. Raises `DatasetError` then."""
-    if _is_version(root, protocol):
-        return
-    kept, known = storage.protocol_path(root), Roster.load(storage.roster_path(root))
-    same = files.load(kept).study.id == protocol.study.id and {*known.consent_on} <= {*labels(protocol)}
-    if not same or approvals.has_begun(root) or any(known.consent_on.values()) or known.facts:
+def _follow(root: Path, protocol_file: Path, protocol: Protocol) -> None:
+    check_known(root, protocol_file, protocol)
+    if may_follow(root, protocol):
+        kept = storage.protocol_path(root)
+        files.keep(protocol_file, kept)
+        # Last: whatever is refused leaves it there, and one of another version counts as none.
+        approval.seal_path(kept).unlink(missing_ok=True)
+
+
+def check_known(root: Path, protocol_file: Path, protocol: Protocol) -> None:
+    """Raise `DatasetError` for a version that a dataset which has begun neither has nor may follow."""
+    if storage.protocol_path(root).exists() and not (_is_version(root, protocol) or may_follow(root, protocol)):
         raise _other_version(root, protocol_file)
-    approval.seal_path(kept).unlink(missing_ok=True)
-    files.keep(protocol_file, kept)
+
+
+def may_follow(root: Path, protocol: Protocol) -> bool:
+    """Return whether a protocol is a changed one that a dataset follows, as no consent, fact or session fixes its version."""
+    kept, known = storage.protocol_path(root), Roster.load(storage.roster_path(root))
+    if not kept.exists() or _is_version(root, protocol):
+        return False
+    same = files.load(kept).study.id == protocol.study.id and {*known.consent_on} <= {*labels(protocol)}
+    fixed = approvals.has_begun(root) or any(known.consent_on.values()) or known.facts
+    return same and not fixed
 
 
 def check_on_record(root: Path, protocol_file: Path, protocol: Protocol) -> None:

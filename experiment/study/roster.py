@@ -253,6 +253,10 @@ class Roster:
         """
         self._append(Consented, participant=participant, consent_on=consent_on, approval=approval)
 
+    def check_consent(self, participant: str, consent_on: date, approval: int) -> None:
+        """Return when a consent can be recorded. Raises as `consent`."""
+        Roster.load(self.path)._apply(Consented(participant=participant, consent_on=consent_on, approval=approval))
+
     def correct(self, participant: str, consent_on: date, reason: str) -> None:
         """Record another day of consent; the old one stays. Raises `RosterError` without one, or for a bad reason."""
         self._append(Corrected, participant=participant, consent_on=consent_on, reason=reason)

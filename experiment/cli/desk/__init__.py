@@ -32,7 +32,7 @@ def desk(
     by: AtConsole = "console",
     lines: Annotated[bool, typer.Option("--lines", help="Run its sessions on lines of text.")] = False,
 ) -> None:
-    """Do everything for a study from one screen.
+    """Do a study's usual steps from one screen.
 
     It lists what can be done: write, check and seal a protocol; choose and check a rig; enrol, consent, practise,
     begin, resume and withdraw; analyse, verify and share. What cannot be done now is grey, with the reason and the way

@@ -27,6 +27,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.study import PRACTICE_SEED, practice_folder
 from palpate.experiment.session import run
+from palpate.experiment.settings.characters import quoted
 from palpate.experiment.study import amendment, approvals, enrolment
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import allocate, labels
@@ -49,7 +50,7 @@ DOES = {
     "verify": "Check what the dataset proves.",
     "share": "Write a copy of the dataset for others.",
 }
-"""Everything that a desk does, in the order of a study."""
+"""What a desk does, in the order of a study."""
 
 EDITORS = ("nano", "notepad")
 """That show how they are left; used where the environment names none."""
@@ -137,8 +138,7 @@ class Study:
 
     def check_current(self) -> None:
         """Raise as `palpate enrol` does of another version, or while the study is suspended or ended."""
-        if storage.protocol_path(self.root).exists():
-            enrolment.follow(self.root, self.file, self.protocol)
+        enrolment.check_known(self.root, self.file, self.protocol)
         enrolment.check_current(self.root, self.protocol, self.roster, ("palpate", "enrol"))
 
     def left_to_practise(self) -> tuple[str, str]:
@@ -249,9 +249,14 @@ def _new() -> Deed:
 def _edit(file: Path) -> Deed:
     named = os.environ.get("VISUAL") or os.environ.get("EDITOR") or ""
     found = next((path for name in EDITORS if (path := shutil.which(name))), None)
-    editor = shlex.split(named) or ([found] if found else [])
-    none = Finding(f"no editor is set (EDITOR); open {file} in a window of your own", remedy="the desk reads it again")
-    return replace(_deed("edit", refuses=() if editor else (none,)), command=(*editor, str(file)))
+    try:
+        # A backslash parts the folders of Windows.
+        editor = [one.strip('"') for one in shlex.split(named, posix=os.name != "nt")] or [found or ""]
+    except ValueError:
+        editor = [""]
+    what = f"EDITOR is {quoted(named)}, which cannot be started" if named else "no editor is set (EDITOR)"
+    none = Finding(f"{what}; open {file} in a window of your own", remedy="the desk reads it again")
+    return replace(_deed("edit", refuses=() if shutil.which(editor[0]) else (none,)), command=(*editor, str(file)))
 
 
 def _check(file: Path, rig: Path | None) -> Deed:

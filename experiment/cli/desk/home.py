@@ -2,8 +2,11 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -66,19 +69,33 @@ def _run(command: tuple[str, ...]) -> int:
     typer.echo(f"$ {shown(command)}")
     program, *arguments = command
     started = options.palpate_command(*arguments) if program == "palpate" else command
-    ended = subprocess.run(started, check=False).returncode  # noqa: S603
+    with _interrupted_alone():
+        ended = subprocess.run(started, check=False).returncode  # noqa: S603
     _wait()
     return ended
+
+
+@contextmanager
+def _interrupted_alone() -> Iterator[None]:
+    """Leave Ctrl-C to the process that is run meanwhile: a session pauses, and the desk comes back after it."""
+    # Unlike SIG_IGN, a handler is not inherited.
+    before = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _run_paged(command: tuple[str, ...]) -> int:
     """Run a command, and show what it prints page by page where that is more than the terminal shows."""
     typer.echo(f"$ {shown(command)}")
-    ended = subprocess.run(options.palpate_command(*command[1:]), stdout=subprocess.PIPE, check=False)  # noqa: S603
     pager = shutil.which("less")
-    if pager and ended.stdout.count(b"\n") > shutil.get_terminal_size().lines - 3:
-        subprocess.run([pager], input=ended.stdout, env=os.environ | PAGER, check=False)  # noqa: S603
-    else:
+    with _interrupted_alone():
+        ended = subprocess.run(options.palpate_command(*command[1:]), stdout=subprocess.PIPE, check=False)  # noqa: S603
+        paged = pager and ended.stdout.count(b"\n") > shutil.get_terminal_size().lines - 3
+        if pager and paged:
+            subprocess.run([pager], input=ended.stdout, env=os.environ | PAGER, check=False)  # noqa: S603
+    if not paged:
         typer.echo(ended.stdout)
         _wait()
     return ended.returncode

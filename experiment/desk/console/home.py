@@ -1,4 +1,4 @@
-"""The desk's first page: everything that can be done for a study now, and what prevents the rest."""
+"""The desk's first page: what can be done for a study now, and what prevents the rest."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -118,7 +118,7 @@ class Chosen:
 class Found(Message):
     """The study was read, or why it could not be."""
 
-    def __init__(self, found: Scene | PalpateError | OSError) -> None:
+    def __init__(self, found: Scene | Exception) -> None:
         super().__init__()
         self.found = found
 
@@ -180,7 +180,8 @@ class HomePage(App[Chosen]):
 
     def on_found(self, message: Found) -> None:
         if isinstance(message.found, Exception):
-            self._say(str(message.found))
+            ours = isinstance(message.found, PalpateError | OSError)
+            self._say(str(message.found) if ours else f"a fault in palpate itself: {message.found!r}")
             return
         self._scene = message.found
         if self._at not in [one.name for one in self._scene.deeds]:
@@ -194,8 +195,8 @@ class HomePage(App[Chosen]):
 
     def _look_now(self) -> None:
         try:
-            found: Scene | PalpateError | OSError = self._read()
-        except (PalpateError, OSError) as error:
+            found: Scene | Exception = self._read()
+        except Exception as error:
             found = error
         finally:
             self._reading.release()

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import re
+import signal
+import sys
 from collections.abc import Callable, Iterator
 from datetime import date, timedelta
 from pathlib import Path
 from types import SimpleNamespace
+from typing import TextIO
 
 import pytest
 
-from palpate.experiment import __main__, storage
+from palpate.experiment import __main__, cli, storage
 from palpate.experiment.cli.desk import deeds, home
 from palpate.experiment.cli.desk.place import Place
 from palpate.experiment.desk.console.home import Chosen, HomePage, Scene
@@ -34,6 +37,7 @@ TODAY = date.today()
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("EDITOR", "an-editor")
+    monkeypatch.setattr("shutil.which", lambda name: name)
     return tmp_path
 
 
@@ -153,6 +157,37 @@ def test_a_dataset_follows_its_protocol_until_somebody_consents(small: Path) -> 
     assert files.load(storage.protocol_path(root)).study.title == "A smaller study"
 
 
+def everything(root: Path) -> dict[Path, bytes]:
+    return {one: one.read_bytes() for one in root.rglob("*") if one.is_file()}
+
+
+def test_what_only_looks_or_is_refused_writes_nothing(folder: Path, small: Path, palpate: Palpate) -> None:
+    text = small.read_text("utf-8")
+    small.write_text(text.replace("required = true", "required = false"), "utf-8")
+    seal(small)
+    rig = write_rig(folder, "rehearsal", port='"/dev/none"', address='"127.0.0.1:7402"')
+    enrolment.enrol(small, "01", None, root=None, seed=1)
+    root = Path("participants/small")
+    before = everything(root)
+    draft = Path("draft.toml")
+    draft.write_text(small.read_text("utf-8").replace("A small study", "A draft"), "utf-8")
+    seal(draft)
+    assert {"enrol", "begin"} <= possible(deeds.scene(Place(draft, rig)))
+    assert palpate("schedule", draft, "-p", "01")[0] == 0
+    tomorrow = TODAY + timedelta(1)
+    for refused in (
+        ("enrol", draft, "-p", "01"),
+        ("enrol", draft, "-p", "02", "--seed", 2),
+        ("enrol", draft, "-p", "02", "--consent-on", tomorrow),
+        ("consent", draft, "-p", "01", "--consent-on", tomorrow),
+        ("consent", draft, "-p", "02", "--consent-on", TODAY),
+    ):
+        assert palpate(*refused)[0] == 2
+    assert everything(root) == before
+    assert palpate("consent", draft, "-p", "01", "--consent-on", TODAY)[0] == 0
+    assert files.load(storage.protocol_path(root)).study.title == "A draft"
+
+
 def test_practice_of_an_older_version_is_left_where_it_is(folder: Path, small: Path) -> None:
     plan = storage.plan_path(folder / "participants" / "practice-small")
     plan.parent.mkdir(parents=True)
@@ -191,6 +226,39 @@ def test_palpate_alone_is_the_desk_at_a_terminal_with_a_study(
     assert began == [["palpate", "desk"]]
     small.unlink()
     assert alone(terminal=True).startswith("Usage")
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows sends no Ctrl-C to one process")
+def test_ctrl_c_is_for_the_command_that_runs_and_the_desk_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(home, "_wait", lambda: None)
+    before = signal.getsignal(signal.SIGINT)
+    pressed = """
+import os, signal, sys, time
+os.kill(os.getppid(), signal.SIGINT)
+time.sleep(0.1)
+sys.exit(7 if signal.getsignal(signal.SIGINT) is signal.default_int_handler else 8)
+"""
+    assert home._run((sys.executable, "-S", "-c", pressed)) == 7
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize("named", ["it's", "is-not-installed --wait"])
+def test_an_editor_that_cannot_be_started_is_named(small: Path, monkeypatch: pytest.MonkeyPatch, named: str) -> None:
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    monkeypatch.setenv("EDITOR", named)
+    assert named in deeds.scene(Place(small)).deed("edit").refuses[0].what
+
+
+def test_a_file_that_cannot_be_read_is_no_study_of_this_folder(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("other.toml").touch()
+
+    def opened(name: str, encoding: str, errors: str) -> TextIO:
+        if name == "other.toml":
+            raise PermissionError(13, "Permission denied", name)
+        return Path(name).open(encoding=encoding, errors=errors)
+
+    monkeypatch.setattr(cli, "open", opened, raising=False)
+    assert cli.files_with("study") == [small.name]
 
 
 @pytest.fixture

@@ -153,13 +153,16 @@ def test_keys_and_clicks_choose() -> None:
     assert asyncio.run(act()) == Chosen("check", ("palpate", "check", "study.toml"))
 
 
-def test_a_study_that_cannot_be_read_is_told_and_read_again() -> None:
+@pytest.mark.parametrize("error", [DatasetError("the roster cannot be read"), ValueError("cannot be parted")])
+def test_a_study_that_cannot_be_read_is_told_and_read_again(error: Exception) -> None:
     found: list[Scene] = []
 
     def read() -> Scene:
         if not found:
             found.append(SCENE)
-            raise DatasetError("the roster cannot be read")
+            raise error
         return found[0]
 
-    assert "cannot be read" not in shown("f5", wanted="Steps on sand", read=read).text
+    shown(wanted="cannot be", read=read)
+    found.clear()
+    assert "cannot be" not in shown("f5", wanted="Steps on sand", read=read).text
