@@ -329,7 +329,7 @@ def schedule(
         raise RosterError(f"got --seed, and the study in {root} has one of its own", remedy="leave out --seed")
     if not own and (dataset or reveal):
         raise RosterError(root, "holds no seed of a study, so nothing is concealed", "leave out --dataset and --reveal")
-    drawn = enrolment.settled(root, protocol_file, protocol, None, None) if own else 1 if seed is None else seed
+    drawn = enrolment.seed_for(root, protocol_file, protocol, None, None) if own else 1 if seed is None else seed
     known = roster.Roster.load(storage.roster_path(root)) if own else roster.Roster(root)
     allocation = find_allocation(allocated(protocol, drawn, known.takes), participant)
     shown = [

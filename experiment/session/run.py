@@ -136,7 +136,7 @@ def prepare(
     asked_first = _is_asked_first(root, protocol, participant)
     if not asked_first:
         _check_roster(root, protocol_file, protocol, participant, today)
-    seed = enrolment.settled(root, protocol_file, protocol, None, asked_purpose)
+    seed = enrolment.seed_for(root, protocol_file, protocol, None, asked_purpose)
     purpose = enrolment.purpose_of(root)
     if purpose == "PILOT":
         console.tell(Notice(build.LABELS["PILOT"]))

@@ -288,7 +288,7 @@ def refuse_rehearsal(root: Path) -> None:
 def settling(
     root: Path, protocol_file: Path, protocol: Protocol, seed: int | None, purpose: Purpose | None
 ) -> Iterator[None]:
-    """Save protocol, seed and purpose at first, the protocol last; later ones match, as `settled`, or are followed."""
+    """Save protocol, seed and purpose at first, the protocol last; later ones match, as `seed_for`, or are followed."""
     kept = storage.protocol_path(root)
     if not kept.exists() and any(
         _of_something_else(path.relative_to(root), protocol.companions) for path in root.rglob("*")
@@ -302,12 +302,12 @@ def settling(
             storage.write_json(storage.seed_path(root), settled_as | {"salt": secrets.token_hex(16)})
             storage.owners_alone(storage.seed_path(root))
             files.keep(protocol_file, kept)
-        settled(root, protocol_file, protocol, seed, purpose)
+        seed_for(root, protocol_file, protocol, seed, purpose)
         _follow(root, protocol_file, protocol)
         yield
 
 
-def settled(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None, purpose: Purpose | None) -> int:
+def seed_for(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None, purpose: Purpose | None) -> int:
     """Return the seed of a dataset that has begun; nothing is written.
 
     Raises `DatasetError` for another version, seed or purpose, None being any, and as `seed_of`.
