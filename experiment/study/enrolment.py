@@ -338,7 +338,7 @@ def check_known(root: Path, protocol_file: Path, protocol: Protocol) -> None:
 
 
 def may_follow(root: Path, protocol: Protocol) -> bool:
-    """Return whether a protocol is a changed one that a dataset follows, as no consent, fact or session fixes its version."""
+    """Return whether a dataset follows this changed protocol, as no consent, fact or session fixes its own."""
     kept, known = storage.protocol_path(root), Roster.load(storage.roster_path(root))
     if not kept.exists() or _is_version(root, protocol):
         return False
