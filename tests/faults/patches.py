@@ -267,8 +267,8 @@ PATCHES = (
     Patch(
         "an erasure that leaves a file",
         "experiment/storage.py",
-        '    source = participant_folder(dataset, participant).glob("[!.]*")\n',
-        '    source = participant_folder(dataset, participant).glob("[!.]*.jsonl")\n',
+        '    source = (*folder.glob("[!.]*"), *_on_their_way(folder))\n',
+        '    source = (*folder.glob("[!.]*.jsonl"), *_on_their_way(folder))\n',
         (f"{_T}study/test_erasure.py",),
     ),
     Patch(

@@ -18,6 +18,7 @@ from palpate.experiment.errors import PalpateError, ProtocolError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.approval.sealing import UNFILLED
 from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.rules import DEVICES, NO_DEVICE
 from palpate.experiment.settings import load
 from palpate.experiment.settings.characters import plain, quoted
 from palpate.experiment.settings.load import toml
@@ -200,8 +201,11 @@ def free(path: Path) -> Path:
 
 def _check(made: str, of: Sequence[NewMaterial] = ()) -> None:
     """Refuse a file for the first of its problems, in words of what was asked about the study and its materials."""
+    document = tomllib.loads(made)
+    if (got := document["study"]["id"]) in DEVICES:  # of any format: what is new has no files to keep
+        raise PalpateError(f"got {quoted(got)}", allowed=NO_DEVICE)
     try:
-        load.checked(Path("protocol"), ProtocolFile, tomllib.loads(made))
+        load.checked(Path("protocol"), ProtocolFile, document)
     except ProtocolError as error:
         problem = error.findings[0]
         got, allowed = problem.got, problem.allowed
