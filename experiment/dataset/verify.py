@@ -363,7 +363,7 @@ def companions(dataset: Sessions) -> Iterator[Finding]:
         try:
             protocol = protocols.load(path)
         except PalpateError:
-            # That a protocol cannot be read is told with what it is held against.
+            # A protocol that cannot be read is reported where it is compared.
             continue
         for name in protocol.companions:
             try:

@@ -3,8 +3,8 @@
 Five causal panels, one of which got a load after it was measured and one a coil that takes 10 % off the loudest sample,
 and others beside them, are measured in memory and play the simulated materials at ten speeds, by equation (7) and by
 their inverse. What is stated of third octaves and envelope (`felt.py`) stands beside the truth: a simulation that was
-written from the words of `protocols/rigs/rehearsal-panel.toml` before its writer read any source. What limits take off
-a whole stimulus is in neither. Everything is SIMULATED.
+written from the words of `protocols/rigs/rehearsal-panel.toml`, but for what a load does to a mode, which its writer
+took from the source. What limits take off a whole stimulus is in neither. Everything is SIMULATED.
 """
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ def open_line(rig: Rig, number: int) -> TriggerLine:
 
 
 def open_triggers(rig: Rig, clock: Clock, tell: Callable[[str], None], opened: ExitStack) -> SessionTriggers:
-    """Open every line of a rig until `opened` closes; what is lost on the way is told. Raises `RigError`."""
+    """Open every line of a rig until `opened` closes, and report what is lost on the way. Raises `RigError`."""
     lines = []
     for number, settings in enumerate(rig.triggers or (), start=1):
         line = _Line(number, settings, open_line(rig, number), clock, tell)
