@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from palpate.analysis.numerics import cases, contact, oracle, played
+from palpate.analysis.numerics import cases, contact, force, oracle, played
 from palpate.analysis.numerics.cases import PRINTED_SUM, WAYS, Outcome, Way, settle
+from palpate.analysis.numerics.force import Pushed
 from palpate.analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
 from palpate.analysis.numerics.played import Condition, Played
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra
@@ -39,8 +40,8 @@ QUIET_BELOW_HZ = 30.0
 class Extent:
     """How much to measure, for recordings of `lengths` samples, and for how long.
 
-    Limits: terms of a printed sum, frequencies and levels of a response table, places of a resampled recording, and
-    steps a contact of each diagram.
+    Limits: terms of a printed sum, frequencies and levels of a response table, places of a resampled recording, steps a
+    contact of each diagram, and devices whose force is judged.
     """
 
     lengths: tuple[int, ...]
@@ -54,6 +55,7 @@ class Extent:
     places: int
     diagrams: tuple[tuple[float, float], ...]
     contact_steps: tuple[int, ...]
+    devices: tuple[str, ...]
 
     @property
     def usual(self) -> int:
@@ -70,11 +72,12 @@ FULL = Extent(
     lengths=(125, 250, 500, 1000, 2500, 5000), output_rates_hz=(44_100, 48_000, 96_000, 192_000),
     most_terms=60_000_000, table_sizes=(8, 15, 30, 60, 120, 240, 480), table_levels=(3, 7, 15),
     noise_s=(0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), budget_s=0.2, least_repeats=5, places=200,
-    diagrams=contact.DIAGRAMS, contact_steps=(2, 8, 32, 128, 512),
+    diagrams=contact.DIAGRAMS, contact_steps=(2, 8, 32, 128, 512), devices=tuple(force.DEVICES),
 )  # fmt: skip
 QUICK = replace(
     FULL, lengths=(250, 1000, 2500), most_terms=10_000_000, table_sizes=(8, 30, 120, 480), table_levels=(3, 15),
     noise_s=(0.1, 0.5, 2.0), budget_s=0.05, contact_steps=(2, 8, 32, 128),
+    devices=tuple(force.DEVICES)[:1],
 )  # fmt: skip
 
 
@@ -401,12 +404,13 @@ def shaping_order(rows: Sequence[Measured]) -> float | None:
 
 @dataclass(frozen=True)
 class Numerics:
-    """What was measured, in the order of the tables, extreme cases, what was played, and versions of software."""
+    """What was measured, in the order of the tables, extreme cases, what was played and pushed, and software."""
 
     software: dict[str, str]
     measured: tuple[Measured, ...]
     outcomes: tuple[Outcome, ...]
     played: tuple[Played, ...]
+    pushed: tuple[Pushed, ...]
     conditions: tuple[Condition, ...]
     materials: dict[str, CrinkleSpectra]
 
@@ -430,7 +434,7 @@ class Numerics:
             for one in self.played
             if not one.holds
         ]
-        return (*claims, *invariants, *budgets)
+        return (*claims, *invariants, *budgets, *(line for one in self.pushed for line in one.broken))
 
     @property
     def jump(self) -> float:
@@ -441,7 +445,8 @@ class Numerics:
     def verdict(self) -> str:
         """One sentence, and a line for each thing that does not hold."""
         claimed = sum(one.claimed is not None for one in self.measured)
-        every = f"{claimed} claimed bounds on errors, {len(self.outcomes)} invariants and {len(self.played)} budgets"
+        budgets = len(self.played) + sum(len(one.truth) for one in self.pushed)
+        every = f"{claimed} claimed bounds on errors, {len(self.outcomes)} invariants and {budgets} budgets"
         if not self.failed:
             return f"All {every} hold."
         return "\n".join([f"{len(self.broken)} of {every} do not hold:", *(f"  {line}" for line in self.broken)])
@@ -452,7 +457,7 @@ def run(
 ) -> Numerics:
     """Measure everything and settle every case; `total` is told the number of steps, `tick` is called after each."""
     wanted, extremes = measurements(extent), [*cases.cases(), *played.cases(), *contact.cases()]
-    total(len(wanted) + len(extremes) + len(MATERIALS))
+    total(len(wanted) + len(extremes) + len(MATERIALS) + len(extent.devices))
     measured, outcomes, budgets = [], [], list[Played]()
     for measure in wanted:
         measured.append(measure())
@@ -465,7 +470,11 @@ def run(
         for unit in (played.IN_VOLTS, played.IN_M_S2):
             budgets += played.play(name, spectra, unit=unit)
         tick()
+    pushed = list[Pushed]()
+    for name in extent.devices:
+        pushed.append(force.push(name))
+        tick()
     hangs = (*played.conditions(materials, (20.0, *WITHIN_MM_S, 301.0, 400.0)), *contact.conditions())
     packages = {name: metadata.version(name) for name in ("palpate", "numpy", "scipy")}
     software = {**packages, "python": platform.python_version(), "oracle_epsilon": f"{oracle.extended_epsilon():.1e}"}
-    return Numerics(software, tuple(measured), tuple(outcomes), tuple(budgets), hangs, materials)
+    return Numerics(software, tuple(measured), tuple(outcomes), tuple(budgets), tuple(pushed), hangs, materials)

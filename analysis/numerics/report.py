@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import groupby
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,10 @@ from palpate.analysis.documents.tables import (
     tabulate,
 )
 from palpate.analysis.documents.tables import text as section_text
-from palpate.analysis.numerics import contact, figures, played
+from palpate.analysis.numerics import contact, figures, force, played
 from palpate.analysis.numerics.cases import Outcome
 from palpate.analysis.numerics.figures import time_text
+from palpate.analysis.numerics.force import Pushed
 from palpate.analysis.numerics.numerics import (
     AS_GOOD,
     BETWEEN_MM_S,
@@ -56,9 +58,9 @@ TITLES = {
     "contact": "Contact with a virtual block: equations (4) and (5) of Wellman and Howe",
 }
 FILES = (
-    *(f"{slug}.csv" for slug in (*TITLES, "conditions", "budget", "cases")),
+    *(f"{slug}.csv" for slug in (*TITLES, "conditions", "budget", "force", "cases")),
     *(f"{name}.{kind}" for name in ("numerics", "contact", "budget") for kind in ("svg", "png")),
-    *("numerics.md", "methods.md", "played.npz"),
+    *("numerics.md", "methods.md", "played.npz", "force.npz"),
 )
 """The files that `write` writes."""
 
@@ -84,7 +86,7 @@ def sections(result: Numerics) -> tuple[Section, ...]:
     """Return the measurements by subject, condition numbers, the budget, and the cases."""
     by_subject = groupby(result.measured, key=lambda one: one.subject)
     measured = [_measured(subject, list(rows), result) for subject, rows in by_subject]
-    return (*measured, _conditions(result), _budget(result.played), _cases(result.outcomes))
+    return (*measured, _conditions(result), _budget(result.played), _force(result.pushed), _cases(result.outcomes))
 
 
 def text(result: Numerics) -> str:
@@ -129,6 +131,7 @@ def write(result: Numerics, out: Path) -> tuple[Path, ...]:
     files |= {f"{name}.png": png(each) for name, each in drawn.items()}
     files["methods.md"] = markdown(methods(result), "").encode()
     files["played.npz"] = played.arrays(result.played, result.materials)
+    files["force.npz"] = force.arrays(result.pushed)
     return publish(out, files, LABEL, "numerics")
 
 
@@ -273,6 +276,38 @@ def _budget(result: Sequence[Played]) -> Section:
         for one in result
     )  # fmt: skip
     return Section("budget", "Error budget of what is played", about, tuple(tables), records)
+
+
+def _force(result: Sequence[Pushed]) -> Section:
+    known = {
+        **{name: f"{value:g}" for name, value in force.HAND.items()}, "within": f"{force.TRUE:.0%}",
+        "limit": f"{force.LIMIT_N:g}", "stiffness": f"{force.STIFFNESS_N_M:g}", "damping": f"{force.DAMPING_N_S_M:g}",
+        "rate": force.RATE_HZ, "told": f"{force.TOLD_KG:g}", "noise": f"{force.NOISE_M * 1e6:g}",
+        "count": f"{force.COUNT_M * 1e6:g}", "fine": force.FINE,
+    }  # fmt: skip
+    about = tuple(ABOUT[name].substitute(known) for name in ("force", "force by hand"))
+    tables, records = [], list[Record]()
+    for one in result:
+        rows = one.budget.rows()
+        heads = [str(name) for name in rows[0]][1:]
+        by_cause = [
+            {"cause": f"truth, {cause}"}
+            | {head: true.get(cause, nan) for head, true in zip(heads, one.truth, strict=True)}
+            for cause in one.truth[-1]
+        ]
+        columns = Column("cause", left=True), *(Column(head, show=_percent) for head in heads)
+        tables.append(replace(tabulate(f"A device of {one.name}", columns, [*rows, *by_cause]), records=()))
+        records += [
+            {"device": one.name, "speed_mm_s": felt.speed_mm_s, "cause": cause, "error": error,
+             "truth": true.get(cause)}
+            for felt, true in zip(one.budget.felt, one.truth, strict=True)
+            for cause, error in felt.errors.items()
+        ]  # fmt: skip
+    return Section("force", "Error budget of the force", about, tuple(tables), tuple(records))
+
+
+def _percent(share: float) -> str:
+    return "-" if isnan(share) else f"{share:.1%}"
 
 
 def _range(shares: Sequence[float]) -> str:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from palpate.experiment.apparatus.servo import passivity
-from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, TOLD_KG, Observer
+from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, TOLD_KG
+from palpate.experiment.synthesis.contact.observer import Observer
 from tests.benchmarks.force import COUNT_M, DAMPING_N_S_M, HAND_KG, LIMIT_N, NOISE_M, STIFFNESS_N_M
 from tests.experiment.apparatus.servo.test_passivity import PAPER, TRACKER, device
 

@@ -16,9 +16,10 @@ import numpy as np
 from scipy.linalg import expm
 
 from palpate.experiment.apparatus.servo import rendering
-from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, TOLD_KG, Observer
+from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, TOLD_KG
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE, Rendered, bounded
 from palpate.experiment.synthesis.contact.block import Block
+from palpate.experiment.synthesis.contact.observer import Observer
 
 STIFFNESS_N_M, DAMPING_N_S_M, LIMIT_N = 2500.0, 100.0, 3.0
 NOISE_M, COUNT_M = 5e-6, 1e-6

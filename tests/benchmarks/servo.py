@@ -26,7 +26,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.servo import rendering
 from palpate.experiment.apparatus.servo.link import ServoProcess
-from palpate.experiment.apparatus.servo.observer import TOLD_KG, Observer, Seen
+from palpate.experiment.apparatus.servo.observer import TOLD_KG
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.apparatus.servo.record import ForceRecord
 from palpate.experiment.apparatus.servo.rendering import Rendered
@@ -37,6 +37,7 @@ from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.synthesis.contact.block import Block, Pair
+from palpate.experiment.synthesis.contact.observer import Observer, Seen
 from tests.rig.pressing import rendered
 from tests.rig.pushes import pushed
 

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.experiment.apparatus.servo.observer import Observer, least_kg, observer_of
+from palpate.experiment.apparatus.servo.observer import least_kg, observer_of
 from palpate.experiment.errors import RigError
+from palpate.experiment.synthesis.contact.observer import Observer
 from palpate.experiment.synthesis.contact.sampled import Complexes, passive_from_n_s_m
 from palpate.experiment.synthesis.contact.sampled import needed_damping_n_s_m as differences
 

@@ -37,13 +37,13 @@ import numpy as np
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo import rendering
 from palpate.experiment.apparatus.servo.device import ForceDevice
-from palpate.experiment.apparatus.servo.observer import Observer
 from palpate.experiment.apparatus.servo.record import ForceRecord
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE, Rendered, share
 from palpate.experiment.apparatus.tracker.frames import Decoder, Frames
 from palpate.experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, reason
 from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.synthesis.contact.block import Block, Pair
+from palpate.experiment.synthesis.contact.observer import Observer
 
 SILENT_NS = 2_000_000
 """After so long without what a force rests on there is none, ns."""

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from math import copysign, hypot, inf, isfinite, sqrt
 from typing import NamedTuple
 
-from palpate.experiment.apparatus.servo.observer import Observer, Seen
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.contact import path
 from palpate.experiment.synthesis.contact.block import Block, Pair
+from palpate.experiment.synthesis.contact.observer import Observer, Seen
 from palpate.experiment.synthesis.contact.path import Left, State, Stepped
 
 GAP_S, MOST_MM_S = 0.01, 5000.0

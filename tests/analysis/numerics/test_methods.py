@@ -34,7 +34,7 @@ def made() -> Numerics:
         contact_steps=(),
     )
     rows = [measure() for measure in numerics.measurements(once)]
-    return Numerics({}, tuple(rows), (), (), (), {})
+    return Numerics({}, tuple(rows), (), (), (), (), {})
 
 
 def test_the_table_has_the_rows_of_the_command_with_their_claims(made: Numerics) -> None:

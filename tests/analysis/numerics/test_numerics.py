@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import runpy
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from palpate.analysis.numerics import cases, contact, numerics, played, report
+from palpate.analysis.numerics import cases, contact, force, numerics, played, report
 from palpate.analysis.numerics.numerics import FULL, QUICK, Extent, Numerics
 from palpate.experiment.cli.app import app
 from palpate.experiment.errors import DatasetError
@@ -32,6 +33,8 @@ NAMES = {
     "budget.svg",
     "methods.md",
     "played.npz",
+    "force.csv",
+    "force.npz",
     "contact.csv",
     "contact.png",
     "contact.svg",
@@ -54,7 +57,7 @@ def few_cases() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def result() -> Numerics:
-    return numerics.run(TINY)
+    return numerics.run(replace(TINY, devices=QUICK.devices))
 
 
 def test_everything_holds(result: Numerics) -> None:
@@ -62,7 +65,8 @@ def test_everything_holds(result: Numerics) -> None:
     assert not result.failed
     assert result.verdict == (
         f"All {sum(one.claimed is not None for one in result.measured)} claimed bounds on errors, "
-        f"{len(result.outcomes)} invariants and {len(result.played)} budgets hold."
+        f"{len(result.outcomes)} invariants and "
+        f"{len(result.played) + len(result.pushed[0].truth)} budgets hold."
     )
 
 
@@ -175,6 +179,35 @@ def test_json_has_every_row(result: Numerics) -> None:
     assert len(document["conditions"]) == len(result.conditions)
     assert len(document["cases"]) == len(result.outcomes)
     assert float(document["software"]["oracle_epsilon"]) > 0
+
+
+def test_the_truth_of_a_force_can_be_found_by_other_means(
+    result: Numerics, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By a program that imports no line of palpate; the filter finds the force that was sent as well."""
+    file = Path(__file__).with_name("force_by_hand.py")
+    assert "import palpate" not in file.read_text("utf-8")
+    (tmp_path / "numerics").mkdir()
+    (tmp_path / "numerics" / "force.npz").write_bytes(force.arrays(result.pushed))
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(file))
+    [one] = result.pushed
+    lines = [line.rsplit(maxsplit=7) for line in capsys.readouterr().out.splitlines()]
+    assert [float(line[1]) for line in lines] == [felt.speed_mm_s for felt in one.budget.felt]
+    for (name, _, *numbers), truth in zip(lines, one.truth, strict=True):
+        within, told, beyond, told_beyond, _, off_n = map(float, numbers)
+        assert (name, told, told_beyond) == (one.name, truth["trembling"], truth["limit"])
+        assert (within, beyond) == pytest.approx((told, told_beyond), rel=1e-6)
+        assert off_n < 1e-6
+
+
+def test_a_budget_of_force_that_misses_a_cause_does_not_hold(result: Numerics) -> None:
+    [one] = result.pushed
+    felt = replace(one.budget.felt[0], errors=one.budget.felt[0].errors | {"trembling": 0.0})
+    wrong = replace(one, budget=replace(one.budget, felt=(felt, *one.budget.felt[1:])))
+    made = replace(result, pushed=(wrong,))
+    assert made.failed
+    assert len(made.broken) == 1
 
 
 def test_files_are_whole_and_may_be_written_again(

@@ -26,6 +26,7 @@ TINY = Extent(
     places=40,
     diagrams=((4.5e3, 0.1),),
     contact_steps=(8, 16, 32),
+    devices=(),
 )
 
 

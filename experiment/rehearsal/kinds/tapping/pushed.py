@@ -20,8 +20,7 @@ from scipy.linalg import expm
 
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.servo import rendering
-from palpate.experiment.apparatus.servo.budget import HAND_KG, HAND_N_M, HAND_N_S_M
-from palpate.experiment.apparatus.servo.observer import Observer, observer_of
+from palpate.experiment.apparatus.servo.observer import observer_of
 from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE, Rendered, bounded
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
@@ -30,6 +29,8 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.wires.foot import Trajectory
 from palpate.experiment.session.kinds.tapping.virtual import block, limit_n
 from palpate.experiment.synthesis.contact.block import Block
+from palpate.experiment.synthesis.contact.force import HAND_KG, HAND_N_M, HAND_N_S_M
+from palpate.experiment.synthesis.contact.observer import Observer
 
 Floats = NDArray[np.float64]
 

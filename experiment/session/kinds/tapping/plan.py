@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.servo import budget, passivity
-from palpate.experiment.apparatus.servo.budget import ForceBudget
 from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.session.kinds.tapping.virtual import limit_n
+from palpate.experiment.synthesis.contact.force import ForceBudget
 
 REAL = ("screen and keys", "journal")
 VIRTUAL = (*REAL, "tracker", "servo, in a process of its own", "actuator", "exposure account")

@@ -15,9 +15,10 @@ import pytest
 from palpate.analysis.designs.comparison import force
 from palpate.analysis.designs.comparison.force import CAUSES, NOTHING, Law, Sums, run_sums, trace_sums
 from palpate.experiment.apparatus.servo import rendering
-from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, TOLD_KG, Observer
+from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, TOLD_KG
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE, Rendered, bounded
 from palpate.experiment.synthesis.contact.block import Block
+from palpate.experiment.synthesis.contact.observer import Observer
 from tests.benchmarks.force import COUNT_M, IN_S, LIMIT_N, NOISE_M, PARTS, STARTS_M, Hand, law_n
 
 PERIOD_S, SPEED_M_S = 4e-4, 0.1

@@ -10,8 +10,9 @@ from scipy.linalg import solve_discrete_are
 
 from palpate.experiment.apparatus import rig
 from palpate.experiment.apparatus.rig import tracker_of
-from palpate.experiment.apparatus.servo.observer import CHANGES_M_S2, Observer, Seen, observer_of
+from palpate.experiment.apparatus.servo.observer import observer_of
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.synthesis.contact.observer import CHANGES_M_S2, Observer, Seen
 from tests.experiment.apparatus.servo.test_passivity import PAPER, device
 
 PERIOD_S, NOISE_M = 4e-4, 5e-6

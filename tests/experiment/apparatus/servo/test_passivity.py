@@ -13,12 +13,13 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.apparatus import rig
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.servo import passivity
-from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, Observer
+from palpate.experiment.apparatus.servo.observer import QUANTUM_SD
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.errors import RigError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
+from palpate.experiment.synthesis.contact.observer import Observer
 from tests.approved import Refuses
 
 DEVICE: dict[str, Any] = {
