@@ -7,6 +7,9 @@ if __name__ == "__main__" and not sys.flags.safe_path and os.path.isdir(sys.path
     # `-m` has put the working folder first, unless that was deleted; a lab's own random.py may be there.
     del sys.path[0]
 
+OVERVIEWS: tuple[list[str], ...] = ([], ["-h"], ["--help"])
+"""What is typed for the list of commands; a shell that completes a command types nothing, too."""
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
@@ -47,7 +50,7 @@ def main() -> None:
             sys.modules.setdefault(absent, None)  # type: ignore[arg-type]
         # The system frees what is left at once; searching it for garbage takes a tenth of a second.
         atexit.register(gc.freeze)
-        if sys.stdout is not None and sys.argv[1:] in ([], ["-h"], ["--help"]):
+        if sys.stdout is not None and sys.argv[1:] in OVERVIEWS and "_PALPATE_COMPLETE" not in os.environ:
             from palpate.experiment.cli import opens_desk, overview
 
             if sys.argv[1:] or not opens_desk():

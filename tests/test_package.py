@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import json
 import os
@@ -19,14 +20,16 @@ from pathlib import Path, PurePosixPath
 import pytest
 
 import palpate
+from palpate.experiment.cli import docs
 
 INSIDE = {
     "palpate": "palpate",
     "experiment": "palpate/experiment",
     "analysis": "palpate/analysis",
     "protocols": "palpate/experiment/shipped",
+    "participants/README.md": "palpate/participants/README.md",
 }
-"""Folders of the repository that a wheel contains, and where."""
+"""Folders and a file of the repository that a wheel contains, and where."""
 
 LINKS = {"palpate/experiment": "../experiment", "palpate/analysis": "../analysis"}
 
@@ -173,7 +176,8 @@ def test_a_wheel_contains_palpate_and_nothing_beside_it(repository_root: Path, w
         if str(path) not in LINKS
     }
     with zipfile.ZipFile(wheel) as archive:
-        assert set(archive.namelist()) == expected | {f"{METADATA_FOLDER}/{name}" for name in METADATA}
+        metadata = {f"{METADATA_FOLDER}/{name}" for name in METADATA}
+        assert set(archive.namelist()) == expected | metadata
 
 
 def test_a_wheel_of_the_source_archive_is_the_same(built: Path, wheel: Path, tmp_path: Path) -> None:
@@ -190,6 +194,48 @@ def test_the_commands_are_ours(installed: Installed, lab: Path) -> None:
     python, command = installed.scripts / "python", installed.scripts / "palpate"
     assert call(command, "--version", cwd=lab) == f"palpate {palpate.__version__}\n"
     assert call(python, "-m", "palpate.experiment", "--version", cwd=lab) == f"palpate {palpate.__version__}\n"
+
+
+def test_every_guide_is_installed(installed: Installed, repository_root: Path, lab: Path) -> None:
+    listed = call(installed.scripts / "palpate", "docs", "--path", cwd=lab).splitlines()
+    texts = [Path(line.split(maxsplit=1)[1]).read_bytes() for line in listed]
+    assert texts == [(repository_root / file).read_bytes() for file, _ in docs.GUIDES.values()]
+
+
+def named_files(source: str) -> set[str]:
+    """Return the files of a checkout that the texts of a module name, to whoever may have none.
+
+    A docstring is read by programmers, unless a decorator makes it the help of a command.
+    """
+    tree = ast.parse(source)
+    helps = {id(node.body[0]) for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.decorator_list}
+    quiet = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr) and id(node) not in helps}
+    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in quiet]
+    file = r"\b(?:experiment|analysis|tests|protocols|participants)/[\w./-]+\.(?:md|toml|csv)\b(?!` of its repository)"
+    return {name for text in texts if isinstance(text, str) for name in re.findall(file, text)}
+
+
+@pytest.mark.parametrize(
+    ("source", "named"),
+    [
+        ('raise PalpateError("see tests/README.md")', {"tests/README.md"}),
+        ('"""Derived in `analysis/x.md`."""\ndef f():\n    """`tests/x.csv` has it."""\n', set()),
+        ('@commands.command()\ndef f():\n    """See protocols/a.toml."""\n', {"protocols/a.toml"}),
+        ('TEXT = "`tests/README.md` of its repository shows how."', set()),
+    ],
+    ids=["error", "docstring", "help", "repository"],
+)
+def test_a_named_file_is_found(source: str, named: set[str]) -> None:
+    assert named_files(source) == named
+
+
+def test_no_error_or_help_names_a_file_that_only_a_checkout_has(repository_root: Path) -> None:
+    """After a wheel's install guides and examples are named by their ids."""
+    sources = [str(path) for path in tracked(repository_root, "experiment", "analysis") if path.suffix == ".py"]
+    found = {name: named_files((repository_root / name).read_text("utf-8")) for name in sources}
+    assert {name: files for name, files in found.items() if files} == {
+        "experiment/cli/docs.py": {file for file, _ in docs.GUIDES.values()}
+    }
 
 
 def test_only_a_wheel_copies_modules(installed: Installed) -> None:

@@ -257,7 +257,8 @@ def _budget(result: Sequence[Played]) -> Section:
         ABOUT["budget"].substitute(
             count=len(speeds), slowest=f"{speeds[0]:g}", fastest=f"{speeds[-1]:g}", within=f"{played.TRUE:.0%}"
         ),
-        "What was played is in played.npz, so that the truth can be found by other means; `tests/README.md` says how.",
+        "What was played is in played.npz, so that the truth can be found by other means; "
+        "`tests/README.md` of its repository shows how.",
     )
     tables = []
     for unit in dict.fromkeys(one.unit for one in result):

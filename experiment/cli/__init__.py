@@ -57,6 +57,7 @@ COMMANDS = {
         "import-trials": ("analysis", "Make a dataset from another program's files of trials."),
         "numerics": ("analysis", "Measure error against run time of every way to compute a stimulus."),
     },
+    "Read": {"docs": ("docs", "Show a guide, or list the guides that come with palpate.")},
 }
 """For each command, in the order of a study: its module in this folder, and the first sentence of its help."""
 
@@ -107,6 +108,7 @@ def overview() -> str:
         "Options:",
         "  --version   Print the version.",
         "  -h, --help  Show this message, or the options of the command that it follows.",
+        "  --install-completion  Have Tab complete commands and options in this shell.",
         "",
         "Without a command, in a folder with a protocol: the desk, for a study's usual steps.",
     ]

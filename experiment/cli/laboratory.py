@@ -295,7 +295,7 @@ def _tell_other_names(protocol_file: Path, root: Path, known: bool) -> None:
         typer.echo(f"  {path}")
 
 
-@commands.command(epilog="Example: palpate schedule protocols/okamoto2012.toml --participant 03 --seed 1")
+@commands.command(epilog="Example: palpate schedule okamoto2012 --participant 03 --seed 1")
 def schedule(
     protocol_file: ProtocolFile,
     participant: Participant,
@@ -358,9 +358,7 @@ def schedule(
             typer.echo(f"{planned.trial:4d}  {' and '.join(planned.presented)}")
 
 
-@commands.command(
-    epilog="Example: palpate rehearse protocols/okamoto2012.toml --participants 3 --seed 7 --out trial-run"
-)
+@commands.command(epilog="Example: palpate rehearse okamoto2012 --participants 3 --seed 7 --out trial-run")
 def rehearse(
     protocol_file: Annotated[
         Path | None,
@@ -408,7 +406,7 @@ def rehearse(
     if at_once:
         # Little of what the modules and tables hold ever becomes garbage, and searching it takes time.
         gc.set_threshold(20_000)
-    from palpate.experiment.cli.analyst import analyst
+    from palpate.experiment.cli.analysis.analyst import analyst
     from palpate.experiment.desk.interrupts import deferred
 
     with analyst(elsewhere=at_once, as_json=as_json) as analyse:

@@ -108,7 +108,7 @@ def new(
         storage.write(path, content.encode())
     typer.echo(f"Protocol: {file}")
     if rig:
-        typer.echo(f"Rig: {rig}. It is to be calibrated; experiment/apparatus/README.md says how.")
+        typer.echo(f"Rig: {rig}. Calibrate it: `palpate docs rigs` shows how.")
     typer.echo(
         f"To practise a session at your own keys: {shown(('palpate', 'run', str(file), '--practice'))}\n"
         f"To read it as an ethics board does: {shown(('palpate', 'check', str(file)))}"
@@ -204,7 +204,7 @@ def a_rig(rig: Path) -> str:
     return text.replace('name = "laboratory"', f"name = {load.toml(rig.stem)}", 1)
 
 
-@commands.command(epilog="Example: palpate check protocols/okamoto2012.toml")
+@commands.command(epilog="Example: palpate check okamoto2012")
 def check(
     protocol_file: ProtocolFile,
     page_file: Annotated[

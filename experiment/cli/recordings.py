@@ -179,7 +179,7 @@ def spectrum(
     options.put({**result.as_dict(), "plot": str(drawn) if drawn else None} if as_json else result.text() + plotted)
 
 
-@commands.command(epilog="Example: palpate plan protocols/okamoto2012.toml --task real")
+@commands.command(epilog="Example: palpate plan okamoto2012 --task real")
 def plan(
     protocol_file: ProtocolFile,
     task: Annotated[

@@ -471,6 +471,7 @@ STARTED = (
     ("plan", "study.toml"),
     ("rehearse", "study.toml", "--rig", "rig.toml", "--out", "out"),
     ("schema", "protocol"),
+    ("docs", "rigs"),
     ("preregister", "study.toml"),
     ("seal", "study.toml", "--approval-number", "1", "--approved-on", "2020-01-01", "--expires-on", "2030-01-01"),
     ("devices",),

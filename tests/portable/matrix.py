@@ -54,6 +54,8 @@ COMMANDS = (
     Command("rehearse study.toml --participants 2 --seed 1 --jobs 2 --out rehearsed"),
     Command("rehearse taps.toml --participants 1 --seed 1 --jobs 1 --out tapped", systems=(WINDOWS,)),
     Command("schema rig --out rig.schema.json"),
+    Command("docs"),
+    Command("docs keys", systems=(WINDOWS,)),
     Command("seal okamoto2012.toml --approval-number 1 --approved-on 2026-01-01 --expires-on 2099-12-31"),
     # Prepare a rig, and record materials.
     Command("devices"),

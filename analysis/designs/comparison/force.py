@@ -150,7 +150,8 @@ ABOUT = (
     "of the difference along the normal, in percent of the rms of the law within the limit of force. Each cause stands "
     "beside those before it: the law held from cycle to cycle; what the servo asked for, with its observer, noise and "
     "counts; what was sent; and that beside the law without a limit. What a device does with a force is not on record. "
-    "`palpate plan` has what is to be expected; `tests/README.md` says how to compute the table with another program."
+    "`palpate plan` has what is to be expected; `tests/README.md` of its repository shows how to compute the table "
+    "with another program."
 )
 
 

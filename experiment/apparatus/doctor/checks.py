@@ -243,7 +243,7 @@ def _closes(name: str, closed_ms: list[float], after: str) -> Finding:
         all(lowest <= one <= highest for one in closed_ms),
         f"closed {' '.join(f'{one:+.0f}' for one in closed_ms)} ms after {after}; zeros went out 50 ms ahead",
         allowed=f"{lowest:+g} to {highest:+g} ms",
-        remedy="see what a server must do in the guide on rigs, experiment/apparatus/README.md",
+        remedy="see what a server must do: palpate docs rigs",
     )
 
 

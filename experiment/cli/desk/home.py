@@ -113,7 +113,7 @@ def _take_rig(place: Place, rig: Path, recordings: Path | None) -> tuple[Place, 
             storage.write(free_for_a_rig(rig), a_rig(rig).encode())
         except PalpateError as error:
             return place, error.sentence()
-        said = f"Written: {rig}. Calibrate it: experiment/apparatus/README.md shows how."
+        said = f"Written: {rig}. Calibrate it: `palpate docs rigs` shows how."
     return replace(place, rig=rig, recordings=recordings), said
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.experiment.cli import analyst as analysts
+from palpate.experiment.cli.analysis import analyst as analysts
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="on Linux alone a fork analyses")
 
@@ -130,7 +130,7 @@ def test_a_system_that_lets_no_process_begin_has_it_analysed_here(
 ORPHAN = """
 import os, signal, time
 from pathlib import Path
-from palpate.experiment.cli import analyst
+from palpate.experiment.cli.analysis import analyst
 
 def analyse(dataset, *, as_json):
     Path(dataset, "fork").write_text(str(os.getpid()))

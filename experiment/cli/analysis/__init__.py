@@ -129,8 +129,7 @@ def audit(
 
     Of an HTML page or a CSV file the confusion tables, the ANOVA tables and the tables of t-tests are read, of a page
     or a text also sentences such as "t(11) = 8.14, p < .001", and what was not read is told. A TOML file holds more:
-    analysis/published/README.md says how to write one. A disagreement is a finding and not an error, so the exit code
-    is 0.
+    `palpate docs papers` shows how to write one. A disagreement is a finding and not an error, so the exit code is 0.
     """
     from palpate.analysis.audit import audit as audits
     from palpate.analysis.published.paper import Stated
@@ -149,7 +148,7 @@ def audit(
     options.put(result.as_dict() if as_json else result.text(options.columns(80)))
 
 
-@commands.command(epilog="Example: palpate power protocols/okamoto2012.toml --participants 5-30 --out power")
+@commands.command(epilog="Example: palpate power okamoto2012 --participants 5-30 --out power")
 def power(
     protocol_file: ProtocolFile,
     model: Annotated[

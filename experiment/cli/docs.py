@@ -1,0 +1,69 @@
+"""The command of the guides that come with palpate, each in the version of the program beside it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.experiment.cli import options
+from palpate.experiment.errors import PalpateError
+
+commands = options.room()
+
+GUIDES = {
+    "studies": ("protocols/README.md", "protocols, boards, visits, practice: a study step by step"),
+    "keys": ("protocols/keys.md", "every key of a protocol and a rig"),
+    "rigs": ("experiment/apparatus/README.md", "devices: building, wiring, calibrating, drivers of your own"),
+    "firmware": ("experiment/apparatus/firmware/README.md", "a tracker from an Arduino"),
+    "datasets": ("participants/README.md", "datasets, imports, withdrawal, sharing"),
+    "analysis": ("analysis/README.md", "tables, power, notebooks"),
+    "papers": ("analysis/published/README.md", "auditing printed numbers"),
+}
+"""For each guide, in the order of a study: its file in the repository, and what it is about."""
+
+ROOT = Path(__file__).parents[2]
+"""The checkout, or the package that a wheel installs: with the same folders, but for `protocols`."""
+
+
+def guide(name: str) -> Path:
+    """Return the file of a guide, in a checkout or a wheel. Raises `PalpateError` for an unknown or missing one."""
+    if name not in GUIDES:
+        raise PalpateError(
+            "palpate docs", f"got '{name}'", "run `palpate docs` for a list of them", allowed=", ".join(GUIDES)
+        )
+    told, _ = GUIDES[name]
+    for file in (ROOT / told, ROOT / told.replace("protocols/", "experiment/shipped/")):
+        if file.is_file():
+            return file
+    raise PalpateError(ROOT / told, "the guide was not found", "install palpate again")
+
+
+@commands.command(epilog="Example: palpate docs rigs")
+def docs(
+    name: Annotated[str | None, typer.Argument(metavar="[GUIDE]", help="Its name, as listed without one.")] = None,
+    path: Annotated[bool, typer.Option("--path", help="Print where its file is, for an editor or a browser.")] = False,
+) -> None:
+    """Show a guide, or list the guides that come with palpate.
+
+    At a terminal a guide opens in the pager, where q closes it. Into a file or a pipe it is written as Markdown.
+    """
+    import sys
+
+    if name is None:
+        told = [f"  {one:10}{guide(one) if path else about}" for one, (_, about) in GUIDES.items()]
+        options.put("\n".join(told if path else ["Guides; `palpate docs NAME` shows one:", *told]))
+        return
+    file = guide(name)
+    if path:
+        options.put(str(file))
+        return
+    text = file.read_text("utf-8")
+    if not sys.stdout.isatty():
+        options.put(text.rstrip())
+        return
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    console = Console(width=min(Console().width, 100))
+    with console.pager():
+        console.print(Markdown(text))
