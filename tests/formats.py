@@ -17,7 +17,7 @@ from typing import Any, get_args
 
 from pydantic import TypeAdapter
 
-from palpate.analysis import export
+from palpate.analysis import documents, export
 from palpate.analysis.analyse import analyse
 from palpate.analysis.documents import page
 from palpate.experiment import storage
@@ -30,6 +30,7 @@ from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.recordings.manifest import Manifest
 from palpate.experiment.records import entries, events, journal
 from palpate.experiment.settings.load import Confined
+from palpate.experiment.settings.schema import DIALECT
 from palpate.experiment.study import enrolment, roster
 from tests import releases
 
@@ -130,6 +131,44 @@ def _shape(value: object) -> object:
     return {float: "number", int: "number", str: "text", bool: "flag"}.get(type(value), "nothing")
 
 
+RESULTS = Path(documents.__file__).with_name("results.schema.json")
+"""What `palpate schema results` writes: made of the description of the newest results."""
+
+BY_DATA = {"by_participant", "known", "magnitudes", "materials", "partial_eta_squared", "statements"}
+"""Objects of `results.json` whose keys are labels, names and texts of a study."""
+
+
+def results_schema(described: Description) -> Description:
+    """Return the JSON Schema of `results.json`: the form of each design; None is wherever nothing is defined."""
+    forms = [
+        {**_form(parts["results.json"]), "type": "object", "title": f"results of the design {design}"}
+        for design, parts in described.items()
+        if design != "export"
+    ]
+    title = f"results.json of palpate analyse, format {page.FORMAT}"
+    return {"$schema": DIALECT, "$comment": "made by palpate", "title": title, "type": "object", "anyOf": forms}
+
+
+def _form(*shapes: object, key: str = "") -> Description:
+    """Return the schema of everything that has one of these shapes."""
+    plain = {"number": "number", "text": "string", "flag": "boolean"}
+    known = [shape for shape in shapes if shape != "nothing"]
+    lists = [one for one in known if isinstance(one, list)]
+    parts: list[Description] = [one for one in known if isinstance(one, dict)]
+    if lists and len(lists) == len(known):
+        return {"type": ["array", "null"], "items": _form(*(inner for one in lists for inner in one))}
+    if parts and len(parts) == len(known):
+        names = list(dict.fromkeys(name for one in parts for name in one))
+        if key in BY_DATA:
+            values = _form(*(inner for one in parts for inner in one.values()))
+            return {"type": ["object", "null"], "additionalProperties": values}
+        properties = {name: _form(*(one[name] for one in parts if name in one), key=name) for name in names}
+        required = sorted(name for name in names if all(name in one for one in parts))
+        return {"type": ["object", "null"], "required": required, "properties": properties}
+    leaves = sorted({plain[one] for one in known if isinstance(one, str)})
+    return {} if lists or parts or not leaves else {"type": [*leaves, "null"]}
+
+
 def text(description: Description) -> str:
     """Return a description as its file has it."""
     return json.dumps(description, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
@@ -160,7 +199,9 @@ def write(today: Mapping[str, Description], folder: Path) -> tuple[list[str], li
 
 
 if __name__ == "__main__":
-    told, refused = write(descriptions(), FOLDER)
+    today = descriptions()
+    told, refused = write(today, FOLDER)
+    RESULTS.write_text(text(results_schema(today[f"results-{page.FORMAT}"])), "utf-8")
     print("\n".join(told) or "No format changed.")
     if refused:
         sys.exit(f"Not written, for a release wrote them: {', '.join(refused)}. Give each its next number.")

@@ -6,7 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
 
+from palpate.analysis.documents import page
 from palpate.experiment.protocol.models import Material
 from tests import formats, releases
 
@@ -23,6 +25,30 @@ def test_every_format_is_the_one_that_was_described_under_its_number(today: dict
     assert [name for name, path in described.items() if not path.exists()] == [], HINT
     changed = [name for name, path in described.items() if path.read_text("utf-8") != formats.text(today[name])]
     assert changed == [], HINT
+
+
+def test_the_schema_of_results_is_that_of_their_description() -> None:
+    described = json.loads((formats.FOLDER / f"results-{page.FORMAT}.json").read_text("utf-8"))
+    assert formats.RESULTS.read_text("utf-8") == formats.text(formats.results_schema(described)), HINT
+
+
+@pytest.mark.parametrize(
+    ("value", "fits"),
+    [
+        ({"n": 3, "people": {"07": 1.5}, "rows": [{"p": None, "q": 1}]}, True),
+        ({"n": None, "people": {}, "rows": [], "more": 1}, True),
+        ({"n": 3, "people": {"07": 1.5}}, False),
+        ({"n": "3", "people": {}, "rows": []}, False),
+        ({"n": 3, "people": {"07": "x"}, "rows": []}, False),
+        ({"n": 3, "people": {}, "rows": [{"q": 1}]}, False),
+    ],
+    ids=["all", "nothing", "missing", "text", "person", "row"],
+)
+def test_results_fit_their_schema_or_not(monkeypatch: pytest.MonkeyPatch, value: object, fits: bool) -> None:
+    monkeypatch.setattr(formats, "BY_DATA", {"people"})
+    shape = {"n": "number", "people": {"01": "number"}, "rows": [{"p": "nothing", "q": "number"}, {"p": "number"}]}
+    schema = formats.results_schema({"one": {"results.json": shape}, "export": {}})
+    assert Draft202012Validator(schema).is_valid(value) is fits
 
 
 def test_a_key_that_is_added_changes_the_description() -> None:

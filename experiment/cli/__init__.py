@@ -15,7 +15,7 @@ COMMANDS = {
         "plan": ("recordings", "Print what a task needs and what it leaves out."),
         "rehearse": ("laboratory", "Run a whole study with simulated participants."),
         "seal": ("protocol", "Record the board's approval of a protocol."),
-        "schema": ("protocol", "Write the JSON Schema of a protocol or rig file, for an editor."),
+        "schema": ("protocol", "Write the JSON Schema of a protocol, a rig or results."),
         "preregister": ("protocol", "Write a protocol's plan for a preregistration at OSF."),
     },
     "Prepare a rig": {

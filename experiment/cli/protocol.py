@@ -389,19 +389,33 @@ def seal(
 
 @commands.command(epilog="Example: palpate schema protocol --out protocol.schema.json")
 def schema(
-    of: Annotated[Literal["protocol", "rig"], typer.Argument(metavar="protocol|rig", help="The file to describe.")],
+    of: Annotated[
+        Literal["protocol", "rig", "results"],
+        typer.Argument(metavar="protocol|rig|results", help="The file to describe."),
+    ],
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE.json", help="Write it there [default: print it].")
     ] = None,
 ) -> None:
-    """Write the JSON Schema of a protocol or rig file, for an editor.
+    """Write the JSON Schema of a protocol, a rig or results.
 
     An editor with a TOML language server then completes keys, shows what they mean, and marks what is not allowed. New
     files begin with a line `#:schema protocol.schema.json` or `#:schema rig.schema.json`, which names the schema beside
-    them. Rules between keys are checked by palpate check alone.
+    them. Rules between keys are checked by palpate check alone. `results` is for programs that read the results.json of
+    palpate analyse.
     """
     import json
 
+    if of == "results":
+        from palpate.analysis import documents
+
+        content = Path(documents.__file__).with_name("results.schema.json").read_bytes()
+        if out is None:
+            options.put(json.loads(content))
+            return
+        options.put_file(out, content)
+        typer.echo(f"Schema: {out}.")
+        return
     from palpate.experiment.apparatus.rig import Rig
     from palpate.experiment.protocol import files
     from palpate.experiment.settings.schema import schema as described

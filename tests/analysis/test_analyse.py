@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from jsonschema import Draft202012Validator
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.analyse import Analysis, analyse
 from palpate.experiment.dataset.bids import LABELS
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import software
+from tests import formats
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
 from tests.approved import Refuses
 
@@ -188,6 +190,7 @@ def test_the_dictionary_is_json_without_nan(okamoto: Analysis) -> None:
     assert document["report"] == str(okamoto.report)
     stored = json.loads((okamoto.out / "results.json").read_text())
     assert stored["tasks"][0]["mean"][0][0] == pytest.approx(0.7867, abs=5e-5)
+    assert Draft202012Validator(json.loads(formats.RESULTS.read_text("utf-8"))).is_valid(stored)
     assert "out" not in stored
 
 
