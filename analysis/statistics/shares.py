@@ -27,6 +27,9 @@ ANGLES, ROOTS, COARSE = 400, 64, 48
 DEPTH = 35.0
 """Logarithms below the greatest density at which it no longer counts."""
 
+GATHERED = 8
+"""Factors of the density whose product neither overflows nor underflows."""
+
 LINKED = 1 - 1e-12
 """The largest correlation, either way, that Fisher's z takes."""
 
@@ -139,17 +142,19 @@ def modelled(right: Integers, trials: Integers) -> tuple[float, float]:
     """Return the limits of the beta-binomial model, widened to those of all trials and to the mean share."""
     pooled = clopper_pearson(int(right.sum()), int(trials.sum()))
     mean = float((right / trials).mean())
-    low, high = _credible(right, trials)
+    low, high = _credible(tuple(right.tolist()), tuple(trials.tolist()))
     low = min(low, pooled.low, mean) if right.any() else 0.0
     high = max(high, pooled.high, mean) if (right < trials).any() else 1.0
     return low, high
 
 
-def _credible(right: Integers, trials: Integers) -> tuple[float, float]:
+@lru_cache(maxsize=256)
+def _credible(right_each: tuple[int, ...], trials_each: tuple[int, ...]) -> tuple[float, float]:
     """Return the central credible interval of the mean m of a beta-binomial distribution.
 
     With m = sin(angle)^2 the prior is flat in the angle; the correlation is the square of the root.
     """
+    right, trials = np.array(right_each), np.array(trials_each)
     most = int(trials.max())
     steps = np.arange(most)
     # How many have a factor (m c + step), ((1 - m) c + step) and (c + step), with c = 1 / correlation - 1.
@@ -158,15 +163,20 @@ def _credible(right: Integers, trials: Integers) -> tuple[float, float]:
         for counts in (right, trials - right, trials)
     )
 
+    gathered = _gathered(ups), _gathered(downs)
+
     def density(angles: Floats, roots: Floats) -> Floats:
         """Return the logarithm of the density of angle and root, shape (angles, roots)."""
         alike, unlike = 1 - roots**2, roots**2
         found = np.log(2 * roots) - both @ np.log(alike + steps[:, None] * unlike)
         with np.errstate(divide="ignore", invalid="ignore"):
-            for often, part in ((ups, np.sin(angles) ** 2), (downs, np.cos(angles) ** 2)):
+            for groups, part in zip(gathered, (np.sin(angles) ** 2, np.cos(angles) ** 2), strict=True):
                 own = part[:, None] * alike
-                for step in np.flatnonzero(often):
-                    found = found + often[step] * np.log(own + step * unlike)
+                for often, alike_often in groups:
+                    factors = own + alike_often[0] * unlike
+                    for step in alike_often[1:]:
+                        factors *= own + step * unlike
+                    found = found + often * np.log(factors)
         return np.asarray(found)
 
     box = np.array([[0.0, math.pi / 2], [0.0, 1.0]])
@@ -196,6 +206,17 @@ def _credible(right: Integers, trials: Integers) -> tuple[float, float]:
         return float(np.sin(cubic.solve(tail * float(passed[-1]), extrapolate=False)[0]) ** 2)
 
     return share((1 - CONFIDENCE) / 2), share((1 + CONFIDENCE) / 2)
+
+
+def _gathered(often: Integers) -> list[tuple[int, Integers]]:
+    """Return each count but 0 with its steps, at most `GATHERED` together: their product has one logarithm."""
+    counts = np.unique(often[often > 0])
+    each = (np.flatnonzero(often == count) for count in counts)
+    return [
+        (int(count), steps[start : start + GATHERED])
+        for count, steps in zip(counts, each, strict=True)
+        for start in range(0, steps.size, GATHERED)
+    ]
 
 
 @lru_cache(maxsize=1)

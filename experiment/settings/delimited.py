@@ -317,20 +317,29 @@ def delimiter_of(text: str, wanted: Sequence[str] = ()) -> str:
     makes most records equally wide, then the one that makes most cells numbers.
     """  # fmt: skip
 
-    def merit(delimiter: str) -> tuple[int, float, float]:
+    heads: dict[str, list[Record]] = {}
+    for delimiter in DELIMITERS:
         try:
             head = [one for one in islice(records(text, delimiter, strict=False), SAMPLE) if not one.comment]
         except csv.Error:
-            return -1, 0.0, 0.0
-        head = [one for one in head if not one.blank]
+            continue
+        heads[delimiter] = [one for one in head if not one.blank]
+
+    def merit(delimiter: str) -> tuple[int, float]:
+        head = heads[delimiter]
         named = max((len(set(wanted) & {cell.strip() for cell in one.cells}) for one in head[:HEADINGS]), default=0)
         widths = Counter(len(one.cells) for one in head)
         width, count = widths.most_common(1)[0] if widths else (0, 0)
-        cells = [cell for one in head for cell in one.cells]
-        numbers = sum(any(_NUMBERS[decimal].fullmatch(cell.strip()) for decimal in ".,") for cell in cells)
-        return named, count / len(head) if width > 1 else 0.0, numbers / max(len(cells), 1)
+        return named, count / len(head) if width > 1 else 0.0
 
-    return max(DELIMITERS, key=merit)
+    def numbers(delimiter: str) -> float:
+        cells = [cell for one in heads[delimiter] for cell in one.cells]
+        found = sum(any(_NUMBERS[decimal].fullmatch(cell.strip()) for decimal in ".,") for cell in cells)
+        return found / max(len(cells), 1)
+
+    merits = {delimiter: merit(delimiter) for delimiter in heads}
+    best = [delimiter for delimiter in merits if merits[delimiter] == max(merits.values())]
+    return max(best, key=numbers) if len(best) > 1 else next(iter(best), DELIMITERS[0])
 
 
 def read_table(

@@ -17,6 +17,7 @@ sqrt 2 times the rms, half the peak to peak.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from importlib import import_module
 from itertools import groupby
 from math import isfinite, sqrt
@@ -42,8 +43,12 @@ class _Row:
     acceleration_pp_m_s2: float
 
 
+@lru_cache(maxsize=2)
 def parse(path: Path, content: bytes) -> Response:
-    """Return the response in a table's content. Raises `RecordingError` with file, line, value and what is allowed."""
+    """Return the response in a table's content, which a process reads once.
+
+    Raises `RecordingError` with file, line, value and what is allowed.
+    """
     rows = _rows(path, content)
     at = [list(same) for _, same in groupby(rows, key=lambda row: row.frequency_hz)]
     if len(at) < 2:
