@@ -201,7 +201,8 @@ def write(today: Mapping[str, Description], folder: Path) -> tuple[list[str], li
 if __name__ == "__main__":
     today = descriptions()
     told, refused = write(today, FOLDER)
-    RESULTS.write_text(text(results_schema(today[f"results-{page.FORMAT}"])), "utf-8")
+    written = (FOLDER / f"results-{page.FORMAT}.json").read_text("utf-8")
+    RESULTS.write_text(text(results_schema(json.loads(written))), "utf-8")
     print("\n".join(told) or "No format changed.")
     if refused:
         sys.exit(f"Not written, for a release wrote them: {', '.join(refused)}. Give each its next number.")

@@ -225,6 +225,11 @@ class KindTable(Confined):
         return {}
 
     @property
+    def numbers(self) -> Mapping[str, Mapping[str, float]]:
+        """The numbers of each material's stimulus that is one wave or one tap, by their keys."""
+        return {}
+
+    @property
     def trial_s(self) -> float:
         """How long the stimuli of a trial take at most, with pauses between them, s; 0 where a touch makes them."""
         return 0.0

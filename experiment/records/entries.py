@@ -106,10 +106,11 @@ class Header(Entry):
     """What this session is; the first entry.
 
     `software` and `source_sha256` are those of `software.this`. `session_id` are 32 unique hexadecimal digits, which
-    identify copies. `recordings_sha256` is that of the manifest; None without synthesis. `task_kind` and `design` are
-    the task's. `order` falls into blocks of `block_trials`. `roster_sha256` is the hash of the roster's last line at
-    the start, `seal_sha256` that of the seal's file under which it began, and `consent_sha256` that of the protocol to
-    which the participant had consented; None in a rehearsal, and the last two in format 9.
+    identify copies. `recordings_sha256` is that of the manifest; None without synthesis. `floor_m_s2` is
+    what the participant was measured not to feel, None without. `task_kind` and `design` are the task's. `order` falls
+    into blocks of `block_trials`. `roster_sha256` is the hash of the roster's last line at the start, `seal_sha256`
+    that of the seal's file under which it began, and `consent_sha256` that of the protocol to which the participant had
+    consented; None in a rehearsal, and the last two in format 9.
     """
 
     kind: Literal["header"] = "header"
@@ -122,6 +123,7 @@ class Header(Entry):
     rig: str
     rig_sha256: str
     recordings_sha256: str | None
+    floor_m_s2: float | None = None
     roster_sha256: str | None
     seal_sha256: str | None = None
     consent_sha256: str | None = None

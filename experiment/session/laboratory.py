@@ -15,6 +15,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import utc
 from palpate.experiment.desk.questions import Console, Notice
 from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.kinds import kind_of
 from palpate.experiment.records import journal, software
 from palpate.experiment.records.entries import Header, Purpose
 from palpate.experiment.session import exposure, masker, scene
@@ -105,6 +106,7 @@ def header(
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),
         recordings_sha256=recordings_sha256,
+        floor_m_s2=kind_of(protocol.task(task_id).kind).floor_m_s2(protocol, participant),
         roster_sha256=None if admission is None else admission.roster.lines.end.last,
         seal_sha256=None if admission is None else admission.approved.seal_sha256,
         consent_sha256=None if admission is None else admission.consent_sha256,

@@ -78,6 +78,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     "footstep": (
         "experiment/dataset/kinds/footstep.py",
         "experiment/dataset/kinds/footstep.toml",
+        "experiment/protocol/kinds/floor.py",
         "experiment/protocol/kinds/footstep.py",
         "experiment/protocol/page/footstep.py",
         *(f"experiment/recordings/{name}.py" for name in ("manifest", "store", "workflow")),

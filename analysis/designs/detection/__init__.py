@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.analysis.designs import AnalysisDesign, Described
-from palpate.analysis.designs.detection import results
+from palpate.analysis.designs.detection import frequencies, results
 from palpate.analysis.designs.detection.results import Detections, TaskDetections, Threshold, Track
 from palpate.analysis.documents.tables import Asked, Column, Record, Section, formulas, number, plural, span, tabulate
 from palpate.analysis.published.numbers import Published
@@ -70,9 +70,11 @@ def sections(study: Study, found: Detections, printed: Published | None, _: Sect
     """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
     stands = plan.standing(study, printed)
     ids = [task.task.id for task in found.tasks]
+    tones = frequencies.section(found)
     parts = {
         stands.results: (
             plan.marked(_thresholds(found), plan.mark_of(stands, THRESHOLD, ids)),
+            *((plan.marked(tones, plan.mark_of(stands, THRESHOLD, ids)),) if tones else ()),
             plan.marked(_tracks(found), plan.mark_of(stands, THRESHOLD, ids)),
             plan.marked(_sensitivity(found), plan.mark_of(stands, SENSITIVITY, ids)),
         ),

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import matplotlib as mpl
 import numpy as np
 
+from palpate.analysis.designs.detection import frequencies
 from palpate.analysis.designs.detection.results import Detections, Track
 from palpate.analysis.documents import drawing
 
@@ -14,7 +15,7 @@ HEIGHT = 1.35
 def sheets(found: Detections, label: str, *, titles: bool = False) -> tuple[drawing.Sheet, ...]:
     """Return every figure of at least one task, below the dataset's `label`, and with `titles` below what it shows."""
     with mpl.rc_context(drawing.COLUMN_STYLE):
-        return tuple(_sheets(found, label, titles=titles))
+        return (*frequencies.sheets(found, label, titles=titles), *_sheets(found, label, titles=titles))
 
 
 def _sheets(found: Detections, label: str, *, titles: bool) -> Iterator[drawing.Sheet]:

@@ -15,8 +15,9 @@ from scipy.special import ndtri
 
 from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics.exact import Floats, NotDefined
+from palpate.analysis.statistics.inference import CONFIDENCE
 from palpate.analysis.statistics.participants import Mean, mean
-from palpate.analysis.statistics.psychophysics.psychometric import Fit, fit, psychometric
+from palpate.analysis.statistics.psychophysics.psychometric import Fit, Known, fit, psychometric
 from palpate.analysis.statistics.psychophysics.sensitivity import Rule, Sensitivity, sensitivity
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.designs.detection import FIRST, YES, Detection
@@ -30,9 +31,12 @@ if TYPE_CHECKING:
 RULES: dict[int, Rule] = {1: "yes or no", 2: "two intervals"}
 """The decision rule of d', by how many intervals a trial has."""
 
+TONE = {"frequency_hz", "amplitude_m_s2", "lasts_s"}
+"""What a protocol states of a sinusoid."""
+
 NUMBERS = (
     "reversals", "rule_db", "rule_sd", "rule_share", "threshold_db", "low", "high", "threshold_m_s2", "spread_db",
-    "lapse", "guess",
+    "lapse", "guess", "frequency_hz", "threshold_rms_m_s2", "floor_rms_m_s2",
 )  # fmt: skip
 COLUMNS = (
     "task", "participant", "signal", "trials", "reversals", "method", *NUMBERS[1:], "open", "at_share_db", "statement",
@@ -85,7 +89,7 @@ class Track:
     """One participant's trials with one signal; `peak_m_s2` is that of level 1, None where no protocol states it.
 
     `guess` is the share right without a signal that the fit takes. `at_share_db` is where the fitted function has the
-    share of `estimate`. `statement` says why there is no fit.
+    share of `estimate`. `statement` says why there is no fit. `frequency_hz` is that of a sinusoid, None of others.
     """
 
     participant: str
@@ -98,6 +102,24 @@ class Track:
     fit: Fit | None
     at_share_db: float | None
     statement: str
+    frequency_hz: float | None
+
+    @property
+    def known_db(self) -> Known | None:
+        """Where half of what is not guessed is felt, dB, with its 95 % interval; None without any.
+
+        By the posterior of the levels, if they have one: mean and 1.96 standard deviations. Otherwise by the fit.
+        """
+        rule = self.estimate
+        if rule.method == "posterior" and rule.db is not None and rule.sd is not None:
+            half = float(ndtri((1 + CONFIDENCE) / 2)) * rule.sd
+            return Known(rule.db, rule.db - half, rule.db + half)
+        return None if self.fit is None else self.fit.threshold
+
+    def rms_m_s2(self, db: float | None) -> float | None:
+        """Return the rms of a sinusoid at so many dB, between its ramps, m/s^2; None of another signal."""
+        peak = self.m_s2(db)
+        return None if peak is None or self.frequency_hz is None else peak / 2**0.5
 
     def m_s2(self, db: float | None) -> float | None:
         """Return the peak at so many dB, m/s^2."""
@@ -172,7 +194,7 @@ class Detections:
 
 def record(task: str, of: Track) -> dict[str, object]:
     """Return what a table has of a track."""
-    found, rule = of.fit, of.estimate
+    found, rule, known = of.fit, of.estimate, of.known_db
     return {
         "task": task, "participant": of.participant, "signal": of.signal, "trials": len(of.steps),
         "reversals": sum(step.reversal for step in of.steps), "method": rule.method, "rule_db": rule.db,
@@ -180,7 +202,9 @@ def record(task: str, of: Track) -> dict[str, object]:
         "threshold_db": found and found.threshold.value, "low": found and found.threshold.low,
         "high": found and found.threshold.high, "threshold_m_s2": of.m_s2(found.threshold.value if found else None),
         "spread_db": found and found.spread.value, "lapse": found and found.lapse.value, "guess": of.guess,
-        "open": bool(found and found.at_bound), "at_share_db": of.at_share_db,
+        "open": bool(found and found.at_bound), "at_share_db": of.at_share_db, "frequency_hz": of.frequency_hz,
+        "threshold_rms_m_s2": of.rms_m_s2(known.value if known else None),
+        "floor_rms_m_s2": of.rms_m_s2(known.low if known else None),
         "statement": "; ".join(filter(None, (rule.statement, of.statement))),
     }  # fmt: skip
 
@@ -274,8 +298,12 @@ def _track(rows: pd.DataFrame, caught: Catches, signal: str, protocol: Protocol,
         at_share = _where(fitted, estimate.share)
     except NotDefined as error:
         statement = str(error)
-    peak = protocol.kind_table(planned).peaks_m_s2.get(signal)
-    return Track(caught.participant, signal, peak, steps, by_level, estimate, guess, fitted, at_share, statement)
+    table = protocol.kind_table(planned)
+    numbers, peak = table.numbers.get(signal, {}), table.peaks_m_s2.get(signal)
+    frequency_hz = numbers["frequency_hz"] if set(numbers) == TONE else None
+    return Track(
+        caught.participant, signal, peak, steps, by_level, estimate, guess, fitted, at_share, statement, frequency_hz
+    )
 
 
 def _where(of: Fit, share: float | None) -> float | None:

@@ -29,6 +29,7 @@ class ProtocolKind:
         rules: what a file breaks, beyond what every file must keep.
         keys: places of keys that must be unlike all others, each with its key.
         silent: the materials of which nothing is felt.
+        floor_m_s2: the rms that a participant of a protocol, or None for all, was measured not to feel; None without.
     """
 
     table: type[Confined]
@@ -38,6 +39,7 @@ class ProtocolKind:
     rules: Callable[[Table], Iterator[Broken]]
     keys: Callable[[Table], Sequence[tuple[tuple[str, ...], object]]] = lambda _: ()
     silent: Callable[[Table], Sequence[object]] = lambda _: ()
+    floor_m_s2: Callable[[Any, str | None], float | None] = lambda *_: None
 
 
 def kind_of(name: str) -> ProtocolKind:

@@ -1,14 +1,15 @@
 """Footsteps in a protocol: their table and their rules."""
 
 from collections.abc import Iterator
+from importlib import import_module
 from itertools import pairwise
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, cast
 
 from pydantic import Field
 
 from palpate.experiment.protocol.kinds import ProtocolKind, is_number, list_at, number_at
-from palpate.experiment.protocol.models import KindTable, Step
-from palpate.experiment.settings.load import Broken, Confined, Rules, Table, Text
+from palpate.experiment.protocol.models import KindTable, Protocol, Step
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Rules, Table, Text
 
 
 def _synthesis_rules(table: Table) -> Iterator[Broken]:
@@ -52,14 +53,29 @@ class Synthesis(Confined):
     left_out_max: Annotated[float, Field(gt=0, le=1)] | None = None
 
 
+class Measured(Confined):
+    """Thresholds measured at participants' own skin.
+
+    Attributes:
+        file: `thresholds.csv` of `palpate export` of a study such as `sole.toml`, beside the protocol.
+        sha256: its hash.
+        whose: the floor is the least of all, or of each participant's own, by labels alike in both studies.
+    """
+
+    file: Annotated[str, Field(pattern=r"^[^/\\\s.][^/\\\s]*\.csv$", description="a .csv file beside it"), ONE_LINE]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints")]
+    whose: Literal["everybody", "participant"]
+
+
 class Tactile(Confined):
     """What skin and actuator can pass.
 
     Attributes:
         low_hz: lowest frequency that counts.
         high_hz: highest.
-        floor_m_s2: rms of all outside the band that is not felt, in any material.
+        floor_m_s2: rms of all outside the band that is not felt, in any material; the most, with `measured`.
         source: of band and floor.
+        measured: thresholds of the participants, whose lowest is the floor.
     """
 
     RULES: ClassVar[Rules] = _tactile_rules
@@ -68,6 +84,7 @@ class Tactile(Confined):
     high_hz: Annotated[float, Field(gt=0)]
     floor_m_s2: Annotated[float, Field(gt=0)]
     source: Text
+    measured: Measured | None = Field(None, json_schema_extra={"since": 7})
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -92,6 +109,10 @@ class Footstep(KindTable):
     def gate(self) -> Step:
         return self.step
 
+    @property
+    def companions(self) -> dict[str, str]:
+        return {} if (one := self.tactile.measured) is None else {one.file: one.sha256}
+
 
 def _rules(table: Table) -> Iterator[Broken]:
     """The kind `footstep` needs `[footstep]` and is of the design `identification`."""
@@ -99,4 +120,10 @@ def _rules(table: Table) -> Iterator[Broken]:
         yield Broken(("footstep",), "a table: tasks of the kind 'footstep' need it")
 
 
-KIND = ProtocolKind(table=Footstep, since=0, intervals=(1,), rules=_rules)
+def _floor_m_s2(protocol: Protocol, participant: str | None) -> float | None:
+    if protocol.table(Footstep).tactile.measured is None:
+        return None
+    return cast("float", import_module("palpate.experiment.protocol.kinds.floor").floor_m_s2(protocol, participant))
+
+
+KIND = ProtocolKind(table=Footstep, since=0, intervals=(1,), rules=_rules, floor_m_s2=_floor_m_s2)

@@ -253,6 +253,15 @@ class Presented(KindTable):
         return {material: max(getattr(it, "amplitude_m_s2", 0.0) for _, it in own) for material, own in known.items()}
 
     @property
+    def numbers(self) -> dict[str, dict[str, float]]:
+        waves = {one.material: one.parts[0].wave for one in self.stimuli if len(one.parts) == 1}
+        return {
+            material: {key: float(value) for key, value in own if isinstance(value, int | float)}
+            for material, (name, own) in waves.items()
+            if name in STATED
+        }
+
+    @property
     def companions(self) -> dict[str, str]:
         """The recordings that it names, each with its SHA-256."""
         parts = (part.recorded for one in self.stimuli for part in one.parts)

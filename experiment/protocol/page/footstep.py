@@ -30,6 +30,14 @@ def _synthesised(footstep: Footstep) -> Iterator[Block]:
         "they all stay in. Source:"
     )
     yield Quoted(tactile.source)
+    if (measured := tactile.measured) is not None:
+        own = measured.whose == "participant"
+        yield Said(
+            "In place of that number stands, where it is less, the weakest vibration (rms, at any frequency) that "
+            f"{'the participant' if own else 'anybody'} may have felt in an earlier study: the lower limit of the 95 % "
+            f"of {'their own thresholds; nobody takes part of whom it has none' if own else 'all thresholds'}. File:"
+        )
+        yield Quoted(f"{measured.file}, SHA-256 {measured.sha256}")
     yield Said(
         "The protocol sets no limit to what a rig may leave out of a stimulus because it cannot carry those "
         "frequencies. Each trial's record says what share was left out."

@@ -136,6 +136,22 @@ CASES += [
 ]
 
 
+MEASURED = ProtocolFile.model_validate(
+    changed(
+        changed(document(), ("format",), 7),
+        ("footstep", "tactile", "measured"),
+        {"file": "thresholds.csv", "sha256": 64 * "a", "whose": "everybody"},
+    )
+)
+
+CASES += [
+    (MEASURED, path, value, other)
+    for path, kind, value in fields(MEASURED)
+    for other in others(kind, value)
+    if "measured" in path
+]
+
+
 ASKED = ProtocolFile.model_validate(
     changed(
         changed(PLANNED, ("asked",), asked("one")),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.errors import RecordingError, Remedy
-from palpate.experiment.protocol.kinds.footstep import Footstep
+from palpate.experiment.protocol.kinds.footstep import KIND, Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings import manifest
 from palpate.experiment.session.scene import Scene, virtual
@@ -18,9 +19,11 @@ from palpate.experiment.synthesis.waveforms import Basis
 
 
 def real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
-    """Return the given folder of recordings or the dataset's. Raises `RecordingError` if simulated, others or bad."""
+    """Return the recordings given or the dataset's. Raises `PalpateError` if they or thresholds are not real."""
     kept = root / storage.RECORDINGS
     folder = given or kept
+    if protocol.table(Footstep).tactile.measured is not None:
+        import_module("palpate.experiment.protocol.kinds.floor").refuse_simulated(protocol)
     if manifest.is_simulated(folder):
         raise RecordingError(
             folder,
@@ -54,6 +57,12 @@ def fastest_mm_s(protocol: Protocol) -> float:
     return min(limits, default=float("inf"))
 
 
+def floor_m_s2(protocol: Protocol, participant: str | None = None) -> float:
+    """Return the rms outside the tactile band that a participant, or anybody, does not feel, m/s^2."""
+    measured = KIND.floor_m_s2(protocol, participant)
+    return protocol.table(Footstep).tactile.floor_m_s2 if measured is None else measured
+
+
 def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> tuple[str, float]:
     """Return the material with the largest rms outside the tactile band at a speed that counts, and that, m/s^2.
 
@@ -67,25 +76,27 @@ def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> t
     return loudest, levels[loudest]
 
 
-def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rate_hz: int) -> dict[str, Basis]:
-    """Return the prepared materials of `scene` by id, for an actuator's rate in Hz.
+def open_stimuli(
+    *, scene: Scene, protocol: Protocol, recordings: Path, output_rate_hz: int, participant: str | None = None
+) -> dict[str, Basis]:
+    """Return the prepared materials of `scene` by id, for an actuator's rate in Hz and a participant's floor.
 
     Raises `RecordingError` for a bad recording, and `SynthesisError` if no waveform can be made at this rate.
     """
     spectra = load_spectra(scene=scene, protocol=protocol, recordings=recordings)
-    return prepare_stimuli(spectra, protocol=protocol, output_rate_hz=output_rate_hz)
+    return prepare_stimuli(spectra, protocol=protocol, output_rate_hz=output_rate_hz, participant=participant)
 
 
 def prepare_stimuli(
-    spectra: Mapping[str, CrinkleSpectra], *, protocol: Protocol, output_rate_hz: int
+    spectra: Mapping[str, CrinkleSpectra], *, protocol: Protocol, output_rate_hz: int, participant: str | None = None
 ) -> dict[str, Basis]:
     """Return the materials of a task, prepared: with all their bins, or with those of the tactile band.
 
-    Bins outside are left out if `felt_outside` is below the floor in every material: filtering only some would tell
-    them apart. Raises as `open_stimuli`.
+    Bins outside are left out if `felt_outside` is below the participant's floor in every material: filtering only some
+    would tell them apart. Raises as `open_stimuli`.
     """
     tactile = protocol.table(Footstep).tactile
-    if felt_outside(spectra, protocol)[1] < tactile.floor_m_s2:
+    if felt_outside(spectra, protocol)[1] < floor_m_s2(protocol, participant):
         spectra = {material: leave_out(of, band_hz=tactile.band_hz) for material, of in spectra.items()}
     return {
         material: waveforms.prepare(of, material=material, output_rate_hz=output_rate_hz)

@@ -127,7 +127,11 @@ def _prepared(planned: scene.Scene, sitting: Sitting, recordings: Path) -> Stimu
 
     protocol, rig = sitting.protocol, sitting.rig
     materials = open_stimuli(
-        scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rig.actuator.rate_hz
+        scene=planned,
+        protocol=protocol,
+        recordings=recordings,
+        output_rate_hz=rig.actuator.rate_hz,
+        participant=sitting.participant,
     )
     folder, limit_m_s2 = sitting.rig_file.parent, protocol.exposure.vibration_peak_m_s2
     return Stimuli(materials, open_drive(folder, rig.actuator, limit_m_s2=limit_m_s2, materials=materials))
