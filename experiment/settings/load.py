@@ -154,8 +154,9 @@ class Confined(BaseModel):
 
 def younger(model: Confined, number: int, at: Place = ()) -> Iterator[Place]:
     """Yield the path of each key that came after the format `number`: `Field(json_schema_extra={"since": 3})`."""
+    fields = type(model).model_fields
     for name, value in model:
-        extra = type(model).model_fields[name].json_schema_extra
+        extra = fields[name].json_schema_extra
         if isinstance(extra, dict) and cast("int", extra.get("since", 0)) > number:
             yield (*at, name)
         elif isinstance(value, Confined):

@@ -7,6 +7,7 @@ right to left, and names stand between double quotes and are never broken.
 import textwrap
 import unicodedata
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from html import escape
 
 from palpate.experiment.protocol.blocks import (
@@ -55,20 +56,23 @@ def lines(blocks: Iterable[Block]) -> Iterator[str]:
                 yield ""
 
 
-def _wrapped(text: str, indent: str, first: str) -> list[str]:
+@lru_cache(maxsize=1024)
+def _wrapped(text: str, indent: str, first: str) -> tuple[str, ...]:
     """Return a wrapped paragraph; `first` stands before its first line, and `indent` before the others."""
-    wide = "".join(one + SECOND_HALF * (unicodedata.east_asian_width(one) in "WF") for one in " ".join(text.split()))
+    wide = " ".join(text.split())
+    if not wide.isascii():
+        wide = "".join(one + SECOND_HALF * (unicodedata.east_asian_width(one) in "WF") for one in wide)
     found = textwrap.wrap(wide, WIDTH, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False)
-    return [line.replace(SECOND_HALF, "").translate(_SHOWN) for line in found]
+    return tuple(line.replace(SECOND_HALF, "").translate(_SHOWN) for line in found)
 
 
 _SHOWN = str.maketrans({UNBROKEN: " ", OPEN: '"', CLOSE: '"'})
 _NAMES = str.maketrans({OPEN: '<span class="name">&quot;', CLOSE: "&quot;</span>", UNBROKEN: " "})
 
 
-def _barred(text: str, indent: str, first: str) -> list[str]:
+def _barred(text: str, indent: str, first: str) -> tuple[str, ...]:
     if leftward(text) and first.strip():
-        return [first.rstrip(), *_barred(text, indent, indent)]
+        return first.rstrip(), *_barred(text, indent, indent)
     return _wrapped(plain(text, keep="\n"), indent + BAR, first + BAR)
 
 
