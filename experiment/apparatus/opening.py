@@ -109,17 +109,16 @@ def simulated_only(rig: Rig, key: str) -> Finding:
 
 
 def copy_rig(rig_file: Path, copy: Path) -> None:
-    """Copy a rig file with its response tables, and its tracker's driver if that is a file.
+    """Copy a rig file with its response tables, and each driver that is a file beside it.
 
     Raises `RigError` if the table is not the rig's, or another table or driver stands beside the copy.
     """
     rig = rigs.load(rig_file)
     beside: dict[str, tuple[str, bytes]] = {}
-    driver = rig.driver_file
     for measured in (rig.actuator.shaping, rig.actuator.measured):
         if measured is not None:
             beside[measured.response] = "table", response_table(rig_file.parent, measured)
-    if driver is not None:
+    for driver in rig.driver_files:
         beside[driver.name] = "driver", storage.read_bytes(driver)
     for name, (what, content) in beside.items():
         file = copy.with_name(name)

@@ -17,7 +17,7 @@ from pydantic import Field, PrivateAttr
 from palpate.experiment import storage
 from palpate.experiment.apparatus.display import ButtonsRig, PedalRig, ScreenRig
 from palpate.experiment.apparatus.servo.settings import ServoRig
-from palpate.experiment.apparatus.tracker.settings import FRAMES, TrackerRig
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.apparatus.wires.settings import LSL, TriggerRig
 from palpate.experiment.errors import ProtocolError, Remedy, RigError
 from palpate.experiment.protocol.models import Step
@@ -516,14 +516,17 @@ class Rig(Confined):
         """The folder of its file; None for a rig that was read from none."""
         return self._folder
 
+    def driver_file(self, driver: str) -> Path | None:
+        """Return the file beside the rig file that contains a driver `module:Class`; None where a package does."""
+        module, own, _ = driver.partition(":")
+        file = self._folder / f"{module}.py" if own and self._folder is not None else None
+        return file if file is not None and file.is_file() else None
+
     @property
-    def driver_file(self) -> Path | None:
-        """The file beside the rig file that holds the tracker's driver; None where an installed package does."""
-        if self._folder is None or self.tracker is None or self.tracker.driver == FRAMES:
-            return None
-        module = self.tracker.driver.partition(":")[0]
-        file = self._folder / f"{module}.py"
-        return file if file.is_file() else None
+    def driver_files(self) -> tuple[Path, ...]:
+        """The files beside the rig file that contain a driver: the tracker's, then those of the trigger lines."""
+        drivers = [one.driver for one in (self.tracker, *(self.triggers or ())) if one is not None]
+        return tuple(dict.fromkeys(filter(None, map(self.driver_file, drivers))))
 
 
 def needed(rig: Rig, name: str, table: Table | None, remedy: Remedy | str, why: str) -> Table:
@@ -556,7 +559,8 @@ def session_rig(path: Path, digest: str) -> Rig:
     """Return the rig beside a session's journal, which has this digest. Raises `RigError`, also for another rig."""
     rig = load(path)
     if sha256(rig) != digest:
-        beside = f" with {rig.driver_file.name} beside it" if rig.driver_file else ""
+        names = ", ".join(file.name for file in rig.driver_files)
+        beside = f" with {names} beside it" if names else ""
         raise RigError(path, f"is not{beside} the rig that the session was run on", "restore the files from a backup")
     return rig
 
@@ -564,18 +568,25 @@ def session_rig(path: Path, digest: str) -> Rig:
 def sha256(rig: Rig) -> str:
     """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
-    A tracker's driver beside the file counts with its own hash; `RigError` if it is unreadable. Ports, addresses,
-    anchors, stops, triggers, the participant's screen and pedal are omitted, since they measure nothing.
+    A driver beside the file counts with its own hash; `RigError` if it is unreadable. Ports, addresses, anchors, stops,
+    numbers of triggers, the participant's screen and pedal are omitted, since they measure nothing.
     """
     where = {device: {key} for device, key in PLACES.items()}
     unmeasured = dict.fromkeys(("screen", "anchors", "stops", "pedal", "triggers"), True)
     stated = rig.model_dump(mode="json", exclude_none=True, exclude={**where, **unmeasured})
-    if (driver := rig.driver_file) is not None:
-        try:
-            stated["tracker"]["driver_sha256"] = hashlib.sha256(storage.read_bytes(driver)).hexdigest()
-        except OSError as error:
-            raise RigError(driver, f"the tracker's driver cannot be read ({error.strerror})", "restore it") from error
+    own = rig.driver_file(rig.tracker.driver) if rig.tracker is not None else None
+    if own is not None:
+        stated["tracker"]["driver_sha256"] = _driver_sha256(own)
+    if others := [file for file in rig.driver_files if file != own]:
+        stated["trigger_drivers_sha256"] = {file.stem: _driver_sha256(file) for file in others}
     return hashlib.sha256(rfc8785.dumps(stated)).hexdigest()
+
+
+def _driver_sha256(file: Path) -> str:
+    try:
+        return hashlib.sha256(storage.read_bytes(file)).hexdigest()
+    except OSError as error:
+        raise RigError(file, f"the driver cannot be read ({error.strerror})", "restore it") from error
 
 
 def reach_mm(rig: Rig, step: Step) -> tuple[float, float]:

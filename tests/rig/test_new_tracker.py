@@ -162,7 +162,7 @@ def test_another_content_of_the_driver_is_another_rig(tmp_path: Path) -> None:
     file = rig_file(tmp_path, "lab_tracker:Tracker")
     digest = rigs.sha256(rigs.load(file))
     opening.copy_rig(file, copy := tmp_path / "dataset" / "rig.toml")
-    assert rigs.session_rig(copy, digest).driver_file == copy.with_name("lab_tracker.py")
+    assert rigs.session_rig(copy, digest).driver_files == (copy.with_name("lab_tracker.py"),)
     for spoil in (lambda: driver.write_text(NUMBERED.replace("NUMBER", "2")), driver.unlink):
         spoil()
         with pytest.raises(RigError, match=r"is not (with lab_tracker\.py beside it )?the rig that the"):

@@ -22,7 +22,7 @@ import pytest
 import serial
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor import triggers as doctor
 from palpate.experiment.apparatus.wires import lsl, triggers
@@ -370,6 +370,24 @@ def guided(folder: Path, guide: Path, wire: Wire) -> TriggerLine:
     assert len(found[1].splitlines()) <= 40
     (folder / "pulsebox.py").write_text(found[1], "utf-8")
     return triggers.open_line(rigs.load(rig_file(folder, TTL.format(driver="pulsebox:PulseBox", port=wire.url))), 1)
+
+
+def test_another_content_of_a_driver_is_another_rig_and_each_session_has_its_copy(tmp_path: Path) -> None:
+    driver = tmp_path / "fake.py"
+    driver.write_text("class Fake: ...\n")
+    file = rig_file(tmp_path, TTL.format(driver="fake:Fake", port="none"))
+    digest = rigs.sha256(rigs.load(file))
+    opening.copy_rig(file, copy := tmp_path / "dataset" / "rig.toml")
+    assert rigs.session_rig(copy, digest).driver_files == (copy.with_name("fake.py"),)
+    driver.write_text("class Fake:\n    number = 2\n")
+    assert rigs.sha256(rigs.load(file)) != digest
+    with pytest.raises(RigError):
+        opening.copy_rig(file, copy)
+    # What a line is sent is not measured: other numbers and ports are the same rig.
+    rig_file(tmp_path, TTL.format(driver="fake:Fake", port="another"))
+    assert rigs.sha256(rigs.load(file)) != digest
+    driver.write_text("class Fake: ...\n")
+    assert rigs.sha256(rigs.load(file)) == digest
 
 
 def test_the_driver_of_the_guide_clears_what_it_sends(tmp_path: Path, wire: Wire, repository_root: Path) -> None:

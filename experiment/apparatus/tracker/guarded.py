@@ -141,7 +141,7 @@ def _error_words(error: BaseException) -> str:
 
 def _driver(rig: Rig) -> Callable[..., Tracker]:
     module, _, name = tracker_of(rig).driver.partition(":")
-    file = rig.driver_file
+    file = rig.driver_file(tracker_of(rig).driver)
     try:
         found = importlib.import_module(module) if file is None else driver_module(file)
         driver: Callable[..., Tracker] = getattr(found, name)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.apparatus.tracker.guarded import driver_module
-from palpate.experiment.apparatus.wires.settings import LSL, NEEDED, TTL, TriggerRig
+from palpate.experiment.apparatus.wires.settings import LSL, TTL, TriggerRig
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import PalpateError, RigError
 from palpate.experiment.records import entries
@@ -80,9 +80,9 @@ def open_line(rig: Rig, number: int) -> TriggerLine:
     settings = (rig.triggers or ())[number - 1]
     named = DRIVERS.get(settings.driver, settings.driver)
     module, _, name = named.partition(":")
-    file = None if rig.folder is None or settings.driver in NEEDED else rig.folder / f"{module}.py"
     try:
-        found = driver_module(file) if file is not None and file.is_file() else importlib.import_module(module)
+        file = rig.driver_file(settings.driver)
+        found = driver_module(file) if file is not None else importlib.import_module(module)
         return cast("TriggerLine", getattr(found, name)(settings))
     except (Exception, SystemExit) as error:  # a driver may raise anything
         remedy = EXTRA if isinstance(error, ImportError) and error.name == "pylsl" else "plug it in, or correct the rig"

@@ -292,7 +292,7 @@ answer_ms = 1.0
 
 def test_a_rig_of_format_5_may_have_no_tracker(write: Write, refuses: Refuses) -> None:
     rig = rigs.load(write(GOOD.replace(TRACKER, "").replace("format = 1", "format = 5")))
-    assert rig.driver_file is None
+    assert rig.driver_files == ()
     with refuses(RigError):
         rigs.check(rig, STEP)
 
