@@ -34,9 +34,9 @@ def desk(
 ) -> None:
     """Do a study's usual steps from one screen.
 
-    It lists what can be done: write, check and seal a protocol; choose and check a rig; enrol, consent, practise,
-    begin, resume and withdraw; analyse, verify and share. What cannot be done now is grey, with the reason and the way
-    to it. Enter runs the command that is chosen, and the desk comes back after it. What is concealed stays so.
+    It lists what can be done: write, check and seal a protocol; choose, calibrate and check a rig; pilot, enrol, ask for
+    facts, consent; practise, begin, resume, record incidents, withdraw; amend and suspend; analyse, verify and share.
+    What cannot be done now is grey, with the reason and the way to it. Enter runs the command that is chosen, and the desk comes back after it. What is concealed stays so.
     `palpate` alone opens the desk in a folder with a protocol.
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -54,6 +54,11 @@ def carry_out(place: Place, chosen: Chosen) -> tuple[Place, str]:
         case "rig":
             _, rig, *recordings = chosen.arguments
             return _take_rig(place, Path(rig), Path(recordings[0]) if recordings else None)
+        case "open":
+            return replace(place, protocol=Path(chosen.arguments[1]), dataset=None), ""
+        case "pilot":
+            dataset = next(map(Path, chosen.arguments[1:]), None)
+            return replace(place, dataset=dataset), ""
         case "status":
             _show_participants(place, Path(chosen.arguments[2]))
             return place, ""
@@ -102,7 +107,9 @@ def _run_paged(command: tuple[str, ...]) -> int:
 
 
 def _wait() -> None:
-    typer.prompt("Enter goes back to the desk", default="", show_default=False, prompt_suffix=". ")
+    # Ctrl-C there goes back as well.
+    with suppress(typer.Abort):
+        typer.prompt("Enter goes back to the desk", default="", show_default=False, prompt_suffix=". ")
 
 
 def _take_rig(place: Place, rig: Path, recordings: Path | None) -> tuple[Place, str]:
@@ -119,7 +126,7 @@ def _take_rig(place: Place, rig: Path, recordings: Path | None) -> tuple[Place, 
 
 def _show_participants(place: Place, root: Path) -> None:
     """Show a study's participants, and run the visit of each who is chosen, where nothing prevents that."""
-    from palpate.experiment.cli.desk.deeds import Study
+    from palpate.experiment.cli.desk.study import Study
 
     study = Study(place, place.protocol or root)
     refused = study.unsealed + study.unusable

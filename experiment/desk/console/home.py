@@ -23,7 +23,7 @@ from palpate.experiment.findings import shown
 WIDE = 120
 """From so many columns on, the study stands beside what can be done."""
 
-TALL = 36
+TALL = 42
 """From so many lines on, parts of the list stand apart."""
 
 KEYS = {"up": "", "down": "choose", "enter": "do it", "f5": "read again", "f9": "leave"}
@@ -100,7 +100,7 @@ class Scene:
     deeds: tuple[Deed, ...]
     next: str
     status: Status | None = None
-    parts: tuple[str, ...] = ("rig", "enrol", "practise", "status")
+    parts: tuple[str, ...] = ("rig", "pilot", "practise", "amend", "status")
 
     def deed(self, name: str) -> Deed:
         """Return what can be done by its name."""
@@ -274,7 +274,7 @@ class HomePage(App[Chosen]):
         self.query_one("#heading", Static).update(Text(scene.heading, overflow="ellipsis", no_wrap=True))
         self.query_one("#facts", Static).update(_facts(scene))
         self.query_one("#deeds", Static).update(Group(*_rows(scene, self._at, apart=self.size.height >= TALL)))
-        self.query_one("#left").set_class(self._form is not None, "asking")
+        self.query_one("#left").set_class(self._form is not None or self.size.height < TALL, "below-fixed")
         self.query_one("#detail").display = self._form is None
         self.query_one("#detail", Static).update(_detail(deed))
         self.query_one("#study").display = wide and scene.status is not None

@@ -18,6 +18,7 @@ from palpate.experiment import __main__, cli, storage
 from palpate.experiment.cli.desk import deeds, home
 from palpate.experiment.cli.desk.place import Place
 from palpate.experiment.desk.console.home import Chosen, HomePage, Scene
+from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.new import NewStudy
@@ -90,7 +91,7 @@ def test_a_protocol_with_errors_is_edited_or_checked(folder: Path) -> None:
 def test_a_new_protocol_is_practised_and_filled_in_before_anybody_is_enrolled(folder: Path, palpate: Palpate) -> None:
     (folder / "mystudy.toml").write_text(new_protocol(NewStudy()), "utf-8")
     scene = deeds.scene(Place.here())
-    assert possible(scene) == {"new", "edit", "check", "rig", "practise"}
+    assert possible(scene) == {"new", "edit", "check", "rig", "pilot", "practise"}
     assert {name: first(scene)[name] for name in ("seal", "enrol", "begin")} == dict.fromkeys(
         ("seal", "enrol", "begin"), "edit"
     )
@@ -197,6 +198,94 @@ def test_practice_of_an_older_version_is_left_where_it_is(folder: Path, small: P
         *("palpate", "run", "small.toml", "--practice", "--dataset", "participants/practice-small-2"),
         *("--participant", "01"),
     )
+
+
+def test_a_pilot_is_enrolled_apart_and_the_desk_goes_back(small: Path, palpate: Palpate) -> None:
+    seal(small)
+    place, _ = home.carry_out(Place.here(), Chosen("pilot", deeds.scene(Place.here()).deed("pilot").command))
+    scene = deeds.scene(place)
+    root = Path("participants/small-pilot")
+    assert (place.dataset, scene.facts[2][0]) == (root, "Pilot")
+    for label in ("01", "02"):
+        _, *enrol = deeds.scene(place).deed("enrol").line((label, str(TODAY)))
+        assert palpate(*enrol)[0] == 0
+    assert enrolment.purpose_of(root) == "PILOT"
+    back, _ = home.carry_out(place, Chosen("pilot", deeds.scene(place).deed("pilot").command))
+    assert back == Place.here()
+    assert deeds.scene(back).deed("enrol").fields[0].text == "01"
+    # Another dataset that was named has no pilot.
+    assert deeds.scene(Place(small, dataset=Path("elsewhere"))).deed("pilot").refuses
+
+
+def test_what_the_board_decides_and_is_told_goes_on_record(
+    small: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seal(small)
+    assert not {"amend", "suspend", "incident", "facts"} & possible(deeds.scene(Place.here()))
+    enrolment.enrol(small, "01", TODAY, root=None, seed=1)
+    scene = deeds.scene(Place.here())
+    # The seal is that of the dataset, so that there is nothing to amend.
+    assert scene.deed("amend").refuses
+    assert {"suspend", "incident"} <= possible(scene)
+    _, *incident = scene.deed("incident").line(("a fall", "", "the session was ended", str(TODAY), "", ""))
+    assert palpate(*incident)[0] == 0
+    small.write_text(small.read_text("utf-8").replace("A small study", "A smaller study"), "utf-8")
+    assert first(deeds.scene(Place.here()))["amend"] == "seal"
+    seal(small, replace=True)
+    deed = deeds.scene(Place.here()).deed("amend")
+    with pytest.raises(PalpateError):
+        deed.line(("sometimes", "nobody", ""))
+    monkeypatch.setattr("builtins.input", lambda *_: "amend")
+    _, *amend = deed.line(("session", "nobody", ""))
+    assert palpate(*amend, "--yes")[0] == 0
+    root = Path("participants/small")
+    known = roster.Roster.load(storage.roster_path(root))
+    assert ([one.number for one in known.approved], len(known.incidents)) == ([2], 1)
+    _, *suspend = deeds.scene(Place.here()).deed("suspend").line((str(TODAY), "", "", "a fall"))
+    assert palpate(*suspend)[0] == 0
+    assert deeds.scene(Place.here()).deed("enrol").refuses
+
+
+def test_a_protocol_that_asks_has_its_facts_recorded(small: Path, palpate: Palpate) -> None:
+    asked = '[[asked.people]]\nid = "age"\nquestion = "How old are you?"\nanswer = "number"\nleast = 18\nmost = 89\n'
+    text = re.sub(r"(?m)^format = \d+", "format = 7", small.read_text("utf-8"))
+    small.write_text(f'{text}\n{asked}reason = "Skin ages."\n', "utf-8")
+    seal(small)
+    enrolment.enrol(small, "01", TODAY, root=None, seed=1)
+    _, *facts = deeds.scene(Place.here()).deed("facts").line(("01", "age=34"))
+    assert palpate(*facts)[0] == 0
+
+
+def test_calibrating_writes_a_rig_file_of_another_name(folder: Path, small: Path) -> None:
+    assert first(deeds.scene(Place.here()))["calibrate"] == "rig"
+    write_rig(folder, "rehearsal", port='"/dev/none"', address='"127.0.0.1:7402"')
+    (folder / "rig-2.toml").touch()
+    deed = deeds.scene(Place.here()).deed("calibrate")
+    typed = [one.text for one in deed.fields]
+    assert typed == ["tracker", "rig.toml", "rig-3.toml"]
+    line = ("palpate", "calibrate", "tracker", "--rig", "rig.toml", "--out", "rig-3.toml")
+    assert deed.line(tuple(typed)) == line
+    with pytest.raises(PalpateError):
+        deed.line(("pedal", *typed[1:]))
+
+
+def test_another_study_of_the_folder_is_opened(small: Path) -> None:
+    assert deeds.scene(Place.here()).deed("open").refuses
+    other = small.with_name("other.toml")
+    other.write_text(small.read_text("utf-8"), "utf-8")
+    deed = deeds.scene(Place(small)).deed("open")
+    place, _ = home.carry_out(Place(small, dataset=Path("x")), Chosen("open", deed.line((deed.fields[0].text,))))
+    assert place == Place(other)
+    with pytest.raises(PalpateError):
+        deed.line(("missing.toml",))
+
+
+def test_ctrl_c_where_enter_is_asked_for_goes_back_to_the_desk(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(readline=interrupted, fileno=lambda: 0))
+    home._wait()
 
 
 def test_a_rig_is_chosen_or_written(folder: Path, small: Path) -> None:
