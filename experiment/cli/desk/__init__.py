@@ -34,10 +34,11 @@ def desk(
 ) -> None:
     """Do a study's usual steps from one screen.
 
-    It lists what can be done: write, check and seal a protocol; choose, calibrate and check a rig; pilot, enrol, ask for
-    facts, consent; practise, begin, resume, record incidents, withdraw; amend and suspend; analyse, verify and share.
-    What cannot be done now is grey, with the reason and the way to it. Enter runs the command that is chosen, and the desk comes back after it. What is concealed stays so.
-    `palpate` alone opens the desk in a folder with a protocol.
+    It lists what can be done: write, check and seal a protocol; choose, calibrate and check a rig; pilot, enrol, ask
+    for facts, consent; practise, begin, resume, record incidents, withdraw; amend, suspend; analyse, verify and share.
+    What cannot be done now is grey, with the reason and the way to it. Enter runs the command that is chosen, and the
+    desk comes back after it. What is concealed stays so. `palpate` alone opens the desk in a folder with a
+    protocol.
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         status = ("palpate", "status", str(dataset or study or "STUDY"))
