@@ -83,7 +83,7 @@ def read(path: Path, stated: Stated) -> Paper:
     suffix = path.suffix.lower()
     text = "" if suffix in (".csv", ".tsv") else _text(path, stated.file)
     words = prose.words(text) if suffix in PAGES else text
-    tests = prose.reported_tests(words)
+    tests, unchecked = prose.reported_tests(words)
     grids = () if suffix in TEXTS else _html(path, text, stated.file) if suffix in PAGES else _csv(path, stated.file)
     passed = _Passed()
     document: dict[str, Any] = {"study": "paper", "source": _clean(f"Tables of {path.name}", 200)}
@@ -94,6 +94,7 @@ def read(path: Path, stated: Stated) -> Paper:
         except _Unknown as reason:
             passed.append(f"{grid.name} was passed over: {reason}.")
     passed += _tied(document, stated.chance)
+    passed += unchecked
     if len(tests) == prose.MOST_TESTS:
         passed.append(f"Tests in sentences behind the first {prose.MOST_TESTS:,} were passed over.")
     found = any(key in document for key in ("table", "t", "anova"))
@@ -549,7 +550,7 @@ def _reaches(text: str | None) -> int:
 
 
 def _html(path: Path, text: str, stated: delimited.Stated) -> tuple[Grid, ...]:
-    """Return the tables of a page. Decimal commas become points, if most of the numbers in its cells have them."""
+    """Return the tables of a page. Decimal commas become points in each table of which most numbers have them."""
     page = _Page(path)
     try:
         # Without `close`, which tries every `<` of an unfinished page again.
@@ -557,8 +558,16 @@ def _html(path: Path, text: str, stated: delimited.Stated) -> tuple[Grid, ...]:
     except (AssertionError, ValueError, RecursionError) as error:
         raise PublishedError(path, "got HTML that cannot be parsed", allowed="a page as a browser saves it") from error
     filled = [[row for row in table if any(cell.strip() for cell in row)] for table in page.tables]
-    cells = (cell for table in filled for row in table for cell in row if not _DEGREES.search(cell))
-    digits = (part for cell in cells for part in _DIGITS.findall(cell))
-    if (stated.decimal or delimited.decimal_sign(digits, ",", printed=True)) == ",":
-        filled = [[[_with_point(cell) for cell in row] for row in table] for table in filled]
+    whole = stated.decimal or _sign(filled)
+    signs = [stated.decimal or _sign([table]) or whole for table in filled]
+    filled = [
+        [[_with_point(cell) for cell in row] for row in table] if sign == "," else table
+        for sign, table in zip(signs, filled, strict=True)
+    ]
     return _grids(path, filled, page.captions)
+
+
+def _sign(tables: Sequence[Sequence[Sequence[str]]]) -> str:
+    """Return the decimal sign of the numbers in tables, empty where none has one."""
+    cells = (cell for table in tables for row in table for cell in row if not _DEGREES.search(cell))
+    return delimited.decimal_sign((part for cell in cells for part in _DIGITS.findall(cell)), ",", printed=True) or ""

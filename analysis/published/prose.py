@@ -2,16 +2,17 @@
 
 They are found as statcheck finds them (Nuijten et al. 2016, Behav. Res. Methods 48, 1205-1226): in the style of the
 APA, a statistic with its df, and its P behind it; other numbers, such as an effect size or an interval, may stand
-between. Spaces, minus signs, subscripts, decimal commas, and powers of ten may be written in any way.
+between. The df may stand behind the statistic, a sample size in place of that of r, and P before both. Spaces, minus
+signs, subscripts, decimal commas, and powers of ten may be written in any way. What looks like a test, a P or an
+interval and is none of these is named with the reason.
 """
 
 import re
 import unicodedata
+from collections.abc import Mapping
 from dataclasses import dataclass
 from html.parser import HTMLParser
-from itertools import islice
-from operator import itemgetter
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from palpate.analysis.published.printed import Printed
 
@@ -47,14 +48,19 @@ _POWER = r"(?: ?(?:[x*·×] ?10 ?\^? ?\{?\(?|[eE])(-[0-9]{1,2})\)?\}?)?"
 _OPEN, _CLOSE = r" ?(?:\(|_\{?|\[) ?", r" ?(?:\)|\}|\])?"
 _THOUSANDS = r"[1-9][0-9]{0,2}(?:,[0-9]{3})+(?![0-9])"
 _DF = rf"(?:df ?= ?)?({_THOUSANDS}|[0-9]+(?:[.,][0-9]+)?)"
-_ABOVE = r"([0-9]+(?:\.[0-9]+)?)"
-_BELOW = rf"({_THOUSANDS}|[0-9]+(?:\.[0-9]+)?)"
+_ABOVE = r"([0-9]+(?:\.[0-9]+)?|[0-9]+,[0-9]+(?= ?; ?[0-9]|, [0-9]+,[0-9]+ ?[)\]}]))"
+_BELOW = rf"({_THOUSANDS}|[0-9]+(?:[.,][0-9]+)?)"
 _N = r"(?: ?[,;] ?[Nn] ?= ?[0-9]+)?"
+_ONE = r"[0-9]+(?:[.,][0-9]+)?"
 _SIGN = r" ?(=|<|>|≤|≥) ?"
+_CHI = (
+    r"(?:[χΧ] ?\^?\{?2?\}?|(?<![A-Za-z])(?:[Cc]hi(?:[- ]?(?:squared?|[Qq]uadrat)| ?\^?2|sq)|X ?\^?\{?2\}?"
+    r"|Q(?:_?\{?(?:[bBwW]|between|within)\}?)?))"
+)
 _HEADS: dict[Statistic, str] = {
     "t": rf"(?<![A-Za-z])t{_OPEN}{_DF}{_N}{_CLOSE}",
     "F": rf"(?<![A-Za-z])F{_OPEN}{_ABOVE} ?[,;] ?{_BELOW}{_CLOSE}",
-    "chi2": rf"(?:χ ?\^?\{{?2?\}}?|(?<![A-Za-z])(?:[Cc]hi[- ]?squared?|chi2|X\^?2)){_OPEN}{_DF}{_N}{_CLOSE}",
+    "chi2": rf"{_CHI}{_OPEN}{_DF}{_N}{_CLOSE}",
     "r": rf"(?<![A-Za-z])r{_OPEN}{_DF}{_N}{_CLOSE}",
     "z": r"(?<![A-Za-z])[zZ]",
 }
@@ -67,24 +73,127 @@ _P = (
     rf" ?[,;.)(]? ?\(?(?:{_NS}|[pP](?:[- ]?values?)?(?P<ps>(?: ?(?:=|<|>|≤|≥)) ?)"
     rf"(?:{_NS}|(?P<p>{_NUMBER}){_POWER}))"
 )
+_APART: dict[Statistic, str] = {
+    "t": r"(?<![A-Za-z])t",
+    "F": r"(?<![A-Za-z])F",
+    "chi2": _CHI,
+    "r": r"(?<![A-Za-z])r",
+}
+_DF_BEHIND = (
+    rf" ?[,;(] ?(?:(?:df|dof|d\.f\.) ?= ?(?P<df>{_ONE}(?: ?[,;] {_ONE}|;{_ONE}|/{_ONE})?)"
+    rf"|(?P<before>{_ONE}) ?df|[nN] ?= ?(?P<n>[0-9]+)) ?\)?"
+)
+"""The df behind a statistic, those of F with a blank or a slash between, or the sample size of r."""
 _GROUPED = re.compile(_THOUSANDS)
-_TESTS = {name: re.compile(f"{head}{_SIGN}({_NUMBER}){_POWER}{_BETWEEN}{_P}") for name, head in _HEADS.items()}
-_INTERVAL = re.compile(rf"([0-9]{{2}}) ?% ?(?:CI|confidence interval)s? ?[:=]? ?\[ ?({_NUMBER}) ?[,;] ?({_NUMBER}) ?\]")
+_FIRST = (
+    rf"(?<![A-Za-z])[pP](?:[- ]?values?)?(?P<ps> ?(?:=|<|>|≤|≥) ?)(?P<p>{_NUMBER}){_POWER}"
+    r" ?(?:[,;(\[]|for|in|with|by|from|bei|für|mit)(?: [A-Za-zäöüß-]{1,20}){0,8},? ?[(\[]?"
+)
+"""A P that stands before its statistic."""
+_TESTS = [(name, re.compile(f"{head}{_SIGN}({_NUMBER}){_POWER}{_BETWEEN}{_P}")) for name, head in _HEADS.items()] + [
+    (name, re.compile(f"{head}{_SIGN}({_NUMBER}){_POWER}{_DF_BEHIND}{_BETWEEN}{_P}")) for name, head in _APART.items()
+]
+_REVERSED = [(name, re.compile(f"{_FIRST}(?P<stat>{head}{_SIGN}({_NUMBER}){_POWER})")) for name, head in _HEADS.items()]
+_KNOWN = rf"(?:(?<![A-Za-z])(?:[tFzZ]|r)(?![A-Za-z])|{_CHI})"
+_OTHER = (
+    r"(?:(?<![A-Za-z])(?:[UWHVTKGBDRb]|r_?\{?s\}?|rho|tau|beta|Wald|LRT?|OR|HR)(?![A-Za-z])"
+    r"|[ρτβΔΛη](?:2|\^2)?(?:_?\{?p\}?)?)"
+)
+_LOOKS = re.compile(
+    rf"(?P<name>{_KNOWN}|{_OTHER})(?P<df>{_OPEN}[^)\]}}\n=]{{1,30}}(?:= ?[0-9]+)?[)\]}}])?{_SIGN}{_NUMBER}"
+)
+_ANY_P = re.compile(
+    r"(?<![A-Za-z])[pP](?:[- ]?values?)?(?: ?\([^)\n]{1,20}\)|_?\{?[A-Za-z]{1,10}\}?)? ?(?:=|<|>|≤|≥|≈) ?"
+    rf"{_NUMBER}"
+)
+_ANY_INTERVAL = re.compile(
+    rf"[0-9]{{2}} ?%[ -]?(?:CI|KI|confidence interval|Konfidenzintervall|credible interval)s?[^.\n0-9]{{0,6}}{_NUMBER}"
+    rf"[^\n0-9]{{1,5}}{_NUMBER}[)\]]?"
+)
+NEAR = 80
+"""Characters within which a P belongs to what stands before it."""
+MOST_NAMED = 30
+"""The most of what could not be checked that is named."""
+_INTERVAL = re.compile(
+    rf"([0-9]{{2}}) ?%[ -]?(?:CI|KI|confidence interval|Konfidenzintervall)s? ?[:=]? ?"
+    rf"(?:[\[(] ?({_NUMBER}) ?(?:[,;]|to|bis) ?({_NUMBER}) ?[\])]|({_NUMBER}) ?(?:to|bis) ?({_NUMBER}))"
+)
 _ONE_TAILED = re.compile(
     r"one[- ](?:tailed|sided)|(?<![-\w])directional (?:tests?|hypothes[ei]s|predictions?)\b", re.IGNORECASE
 )
+_SUBSCRIPT = re.compile("[\u2080-\u2089]+(?:[,;] ?[\u2080-\u2089]+)*")
 _DASHES = str.maketrans(dict.fromkeys("\u2212\u2013\u2010\u2011\ufe63", "-") | dict.fromkeys("\u200b\u2060\ufeff"))
 
 
-def reported_tests(text: str) -> tuple[Reported, ...]:
-    """Return the first `MOST_TESTS` tests in the sentences of a text, in their order."""
+class Prose(NamedTuple):
+    """The first `MOST_TESTS` tests of a text in their order, and sentences on what looks like one and was not read."""
+
+    tests: tuple[Reported, ...]
+    unchecked: tuple[str, ...]
+
+
+def reported_tests(text: str) -> Prose:
+    """Return the tests in the sentences of a text."""
     even = _even(text)
-    matches = sorted(
-        ((match.start(), name, match) for name, pattern in _TESTS.items() for match in pattern.finditer(even)),
-        key=itemgetter(0),
-    )
-    found = (_reported(name, match) for _, name, match in matches)
-    return tuple(islice((one for one in found if one is not None), MOST_TESTS))
+    found: list[tuple[tuple[int, int], Reported]] = []
+    taken = bytearray(len(even))
+    for patterns in (_TESTS, _REVERSED):
+        made = [
+            (match.span(), one)
+            for name, pattern in patterns
+            for match in pattern.finditer(even)
+            if _free(match.span(), taken) and (one := _reported(name, match)) is not None
+        ]
+        for span, _ in made:
+            _take(span, taken)
+        found += made
+    found.sort(key=lambda each: each[0])
+    return Prose(tuple(one for _, one in found[:MOST_TESTS]), _unchecked(even, taken))
+
+
+def _free(span: tuple[int, int], taken: bytearray) -> bool:
+    """Return whether no character of a span is taken."""
+    return taken.find(1, *span) < 0
+
+
+def _take(span: tuple[int, int], taken: bytearray) -> None:
+    begin, end = span
+    taken[begin:end] = b"\1" * (end - begin)
+
+
+def _unchecked(even: str, taken: bytearray) -> tuple[str, ...]:
+    """Return a sentence on each statistic, P and interval outside of the tests that were read."""
+    found: list[tuple[int, str, str]] = []
+    for match in _LOOKS.finditer(even):
+        if not _free(match.span(), taken):
+            continue
+        known = re.fullmatch(_KNOWN, match["name"]) is not None
+        behind = _p_behind(even, match.end(), taken)
+        if behind or (known and match["df"]):
+            lacks = "no df stand beside it" if not match["df"] else "its df or its P are not clear"
+            why = "no P stands beside it" if not behind else lacks
+            span = match.start(), behind or match.end()
+            _take(span, taken)
+            found.append(
+                (span[0], even[slice(*span)], why if known else "P is recomputed of t, F, chi-squared, r and z")
+            )
+    for pattern, why in ((_ANY_P, "no statistic with df stands beside it"), (_ANY_INTERVAL, "no t, r or z of it")):
+        for match in pattern.finditer(even):
+            if _free(match.span(), taken):
+                _take(match.span(), taken)
+                found.append((match.start(), match[0], why))
+    told = [f"'{' '.join(text.split())}' was not checked: {why}." for _, text, why in sorted(found)]
+    more = len(told) - MOST_NAMED
+    return (*told[:MOST_NAMED], *([f"{more} more of the kind were not checked."] if more > 0 else ()))
+
+
+def _p_behind(even: str, end: int, taken: bytearray) -> int:
+    """Return where the P ends that follows in the same sentence, before another test; 0 without one."""
+    other = taken.find(1, end, end + NEAR)
+    found = _ANY_P.search(even, end, min(end + NEAR, len(even)) if other < 0 else other)
+    if found is None or re.search(r"[.!?] \S", even[end : found.start()]):
+        return 0
+    return found.end()
 
 
 def mentions_one_tailed(text: str) -> bool:
@@ -93,35 +202,56 @@ def mentions_one_tailed(text: str) -> bool:
 
 
 def _even(text: str) -> str:
+    text = _SUBSCRIPT.sub(lambda match: f"_{{{match[0]}}}", text)
     even = unicodedata.normalize("NFKC", text).translate(_DASHES)
     return re.sub(r"[ \t\r\f\v]*\n?[ \t\r\f\v]+|(?<=\S)\n(?=\S)", " ", even.replace("$", ""))
 
 
 def _reported(name: Statistic, match: re.Match[str]) -> Reported | None:
-    groups = match.groups()
-    count = {"t": 1, "F": 2, "chi2": 1, "r": 1, "z": 0}[name]
+    """Return the test that a pattern found; None where its df or its P cannot be."""
+    named = match.groupdict()
+    first = "stat" in named
+    groups = match.groups()[4:] if first else match.groups()
+    count = 0 if "before" in named else {"F": 2, "z": 0}.get(name, 1)
     sign, value, power = groups[count : count + 3]
     points = name == "F" or "." in value + (match["p"] or "")
-    df = tuple(
-        _printed(one.replace(",", "") if points and _GROUPED.fullmatch(one) else one, None) for one in groups[:count]
-    )
-    if any(one.exact <= 0 for one in df):
+    texts = _df_behind(name, named) if "before" in named else list(groups[:count])
+    df = tuple(_printed(one.replace(",", "") if points and _GROUPED.fullmatch(one) else one, None) for one in texts)
+    if len(df) != {"F": 2, "z": 0}.get(name, 1) or any(one.exact <= 0 for one in df):
         return None
-    p, p_sign = match["p"], (match["ps"] or "").strip()
-    if p is None:
-        shown, p_sign = Printed(str(NS)), ">"
-    else:
-        percent = match.string[match.end() :].lstrip(" ")[:1] == "%"
-        shown = _printed(p, "-2" if percent else groups[-1])
-        if name == "z" and not 0 <= shown.exact <= 1:
-            return None
-        p_sign = {"≤": "<", "≥": ">"}.get(p_sign, p_sign)
-        shown = Printed(f"<{shown.text}") if p_sign == "<" else shown
-    interval = _INTERVAL.search(match["between"])
-    ends = (_printed(interval[2], None), _printed(interval[3], None)) if interval else None
-    level = int(interval[1]) / 100 if interval else 0.95
-    head = " ".join(match.string[match.start() : match.end(count + 3) if power else match.end(count + 2)].split())
-    return Reported(head, name, df, _printed(value, power), sign, shown, p_sign, ends, level)
+    shown, p_sign = _p_of(match, match.groups()[2] if first else groups[-1], behind=not first)
+    if name == "z" and not 0 <= shown.exact <= 1:
+        return None
+    head = match["stat"] if first else match.string[match.start() : match.end(count + 3 if power else count + 2)]
+    head = f"{head}, df = {', '.join(one.text for one in df)}" if "before" in named else head
+    ends, level = _interval(named.get("between") or "")
+    return Reported(" ".join(head.split()), name, df, _printed(value, power), sign, shown, p_sign, ends, level)
+
+
+def _p_of(match: re.Match[str], power: str | None, *, behind: bool) -> tuple[Printed, str]:
+    """Return P as printed and its sign, `behind` its statistic or before it."""
+    if match["p"] is None:
+        return Printed(str(NS)), ">"
+    percent = behind and match.string[match.end() :].lstrip(" ")[:1] == "%"
+    shown = _printed(match["p"], "-2" if percent else power)
+    sign = {"≤": "<", "≥": ">"}.get(match["ps"].strip(), match["ps"].strip())
+    return (Printed(f"<{shown.text}") if sign == "<" else shown), sign
+
+
+def _df_behind(name: Statistic, named: Mapping[str, str | None]) -> list[str]:
+    """Return the df that stand behind a statistic as printed; of r, those of a sample size."""
+    if size := named.get("n"):
+        return [str(int(size) - 2)] if name == "r" else []
+    return re.split(r" ?[;/] ?|, ", named.get("df") or named.get("before") or "")
+
+
+def _interval(between: str) -> tuple[tuple[Printed, Printed] | None, float]:
+    """Return the ends of the interval in a text, and its level."""
+    found = _INTERVAL.search(between)
+    if found is None:
+        return None, 0.95
+    low, high = (_printed(one, None) for one in found.groups()[1:] if one)
+    return (low, high), int(found[1]) / 100
 
 
 def _printed(number: str, power: str | None) -> Printed:

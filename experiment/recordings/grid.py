@@ -1,6 +1,5 @@
 """Samples in time: whether they lie on an even grid, how they are brought onto one, and whether they were clipped."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,13 +7,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from palpate.experiment.errors import RecordingError, Remedy
-from palpate.experiment.recordings.text.columns import RowLines
+from palpate.experiment.recordings.text.columns import Lines
 from palpate.experiment.settings.delimited import Stated
 
 Floats = NDArray[np.float64]
-
-Lines = Sequence[int] | RowLines
-"""The line of each sample in its file, from 1."""
 
 LARGEST_STEP_ERROR = 0.5
 """How far a time step may be from the median step, and a sample from its place on an even grid, in steps."""
@@ -221,6 +217,9 @@ def _rounded(times_s: Floats) -> Grid | None:
 def _evenly(times_s: Floats, stated: Stated, otherwise: str) -> Remedy | str:
     """Return what to do about uneven times: resample them, where that is possible."""
     steps, median = np.diff(times_s), _median_step(times_s)
+    if (steps >= 0).all() and not (steps > 0).all():
+        words = "export times with more digits, or state the rate of the recorder"
+        return stated.remedy(words, "--rate", f"{steps.size / float(times_s[-1]):.4g}" if times_s[-1] > 0 else "HZ")
     if (steps > 0).all() and _missing(steps / median).max() <= LONGEST_GAP:
         return stated.remedy(f"{otherwise}, or have it resampled", "--resample")
     return otherwise

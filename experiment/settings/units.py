@@ -5,6 +5,8 @@ in. What says nothing has no unit: nothing is taken for seconds.
 """
 
 import re
+from collections.abc import Iterable
+from math import inf, nan
 from typing import NamedTuple
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0}
@@ -40,6 +42,24 @@ _BRACKETS = re.compile(
 )
 _PARTS = re.compile(r"[\s_.\-/:,;|]+")
 _RATE = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*([kM]?)(?:Hz|S/s|Sa/s|sps)\b")
+_HEADER = 65_536
+"""Characters above the rows that are looked at for a rate."""
+_HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "1/s": 1.0, "s/s": 1.0, "ks/s": 1e3, "ms/s": 1e6, "sa/s": 1.0,
+          "ksa/s": 1e3, "sps": 1.0, "ksps": 1e3, "samples/s": 1.0}  # fmt: skip
+_BETWEEN = (
+    r"[^0-9A-Za-z\n]*(?:[(\[{{]?(?P<before>{units})[)\]}}]?)?[^0-9A-Za-z\n+-]*"
+    r"(?P<value>[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?)"
+)
+_BEHIND = r"[\s\"';,\t(\[]*(?P<behind>{units})?(?![A-Za-z/])"
+_RATE_LINE = re.compile(
+    r"(?:^\W*rate|(?<![A-Za-z])(?:fs|sfreq|(?:sampl(?:e|ing)|scan)[\s_]*(?:rate|freq(?:uency|\.)?)"
+    r"|abtast(?:rate|frequenz)|fréquence d.échantillonnage|taux d.échantillonnage))(?![A-Za-z])"
+    + (_BETWEEN + _BEHIND).format(units="|".join(map(re.escape, _HERTZ))), re.IGNORECASE,
+)  # fmt: skip
+_STEP_LINE = re.compile(
+    r"(?:(?<![A-Za-z])(?:sampl(?:e|ing)[\s_]*(?:interval|period)|delta[\s_]?[tx]|dt)|abtastintervall)(?![A-Za-z])"
+    + (_BETWEEN + _BEHIND).format(units="|".join(sorted(map(re.escape, _TIMES), key=len, reverse=True))), re.IGNORECASE,
+)  # fmt: skip
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _COUNTERS = frozenset(
     ("index", "idx", "sample", "samples", "sampleno", "nr", "no", "number", "count", "counter", "row", "id", "i", "n",
@@ -89,7 +109,8 @@ def is_counter(name: str) -> bool:
 def time_unit(column: Heading) -> str:
     """Return the unit of a clock, a key of `SECONDS`; empty where its heading says none or one that is not known."""
     if column.unit:
-        return _TIMES.get(column.unit.lower().strip(". "), "")
+        # The CF conventions write from when times count: "milliseconds since 2024-03-12".
+        return _TIMES.get(column.unit.lower().partition(" since ")[0].strip(". "), "")
     stated = {_TIMES[word] for word in _words(column.name.rpartition("/")[2]) if word in _TIMES}
     return stated.pop() if len(stated) == 1 else ""
 
@@ -100,15 +121,60 @@ def is_unit(text: str) -> bool:
     return bool(re.fullmatch(r"[(\[{<].*[)\]}>]", bare)) or bare in _SIGNALS or bare.lower() in _NO_NAMES
 
 
+def contradict(one: str, other: str) -> bool:
+    """Return whether two units of one column are known, and not the same."""
+    times = [time_unit(Heading("", unit)) for unit in (one, other)]
+    if all(times):
+        return times[0] != times[1]
+    if not all(unit in _SIGNALS or time for unit, time in zip((one, other), times, strict=True)):
+        return False
+    return in_unit(1.0, one, other) != 1.0
+
+
+def bare_clock(name: str, beside: Iterable[str]) -> frozenset[str]:
+    """Return the words of a clock's name, without numbers, units, and words of the names of channels beside it."""
+    others = {word for one in beside for word in _words(one)}
+    words = {word.rstrip("0123456789") for word in _words(name) if word not in others and word not in _TIMES}
+    return frozenset(words - {""})
+
+
 def is_step(text: str) -> bool:
     """Return whether a heading is that of the time between samples, as scopes write it above them."""
     return heading(text).name.lower() == "increment"
 
 
 def rate_in(text: str) -> str:
-    """Return the rate that a text names, in Hz; `HZ` where it names none, or several."""
+    """Return the sampling rate that a text names, in Hz; `HZ` where it names none, or several."""
+    if stated := rates_stated(text):
+        return f"{stated[0]:.12g}"
     named = {float(value) * {"": 1, "k": 1e3, "M": 1e6}[prefix] for value, prefix in _RATE.findall(text)}
     return f"{named.pop():.12g}" if len(named) == 1 else "HZ"
+
+
+def rates_stated(text: str) -> tuple[float, ...]:
+    """Return the readings of the sampling rate, Hz, that lines of a header state, as a rate or as an interval.
+
+    Of `2.000` both 2 and 2000 are readings; several lines of different rates state none.
+    """
+    found: list[tuple[float, ...]] = []
+    for line in text[-_HEADER:].splitlines():
+        rate, step = _RATE_LINE.search(line), _STEP_LINE.search(line)
+        if rate is not None:
+            factor = _HERTZ.get((rate["behind"] or rate["before"] or "hz").lower(), nan)
+            found.append(tuple(value * factor for value in _readings(rate["value"])))
+        elif step is not None and (unit := _TIMES.get((step["behind"] or step["before"] or "").lower(), "")):
+            found.append(tuple(1 / (value * SECONDS[unit]) for value in _readings(step["value"]) if value > 0))
+    usable = [tuple(one for one in each if 0 < one < inf) for each in found]
+    return usable[0] if usable and all(each == usable[0] for each in usable) else ()
+
+
+def _readings(value: str) -> tuple[float, ...]:
+    """Return what a number with either decimal sign may be."""
+    bare = value.strip(".,")
+    points = re.sub(r",(?=[0-9]{3}(?![0-9]))", "", bare)
+    commas = re.sub(r"\.(?=[0-9]{3}(?![0-9]))", "", bare).replace(",", ".")
+    numbers = (one for one in (points, commas) if re.fullmatch(r"[0-9]*\.?[0-9]+([eE][+-]?[0-9]+)?", one))
+    return tuple(dict.fromkeys(map(float, numbers)))
 
 
 def likely_unit(step: float, first: float) -> str:

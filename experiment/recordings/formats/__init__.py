@@ -7,6 +7,10 @@ from palpate.experiment.recordings.formats.interface import Format
 
 FORMATS = ("tdms", "hdf5", "mat")
 
+AUDIO = {b"fLaC": "FLAC", b"riff\x2e\x91\xcf\x11": "Wave64", b"OggS": "Ogg", b"ID3": "MP3", b"\xff\xfb": "MP3",
+         b"FORM": "AIFF", b"caff": "Apple's Core Audio", b".snd": "Sun audio"}  # fmt: skip
+"""How files of sound begin that are not read, and their names."""
+
 
 def format_of(content: bytes) -> Format | None:
     """Return the format of a file, None for text or WAV."""

@@ -5,6 +5,7 @@ Rates stand in attributes of a dataset, its groups or the file, or in datasets o
 """
 
 import io
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,13 @@ from palpate.experiment.recordings.formats.interface import (
     SCALES,
     Channel,
     Format,
+    Step,
     channels_of,
     nearest,
     needed,
     refuse_large,
-    stated_step_s,
+    stated_step,
+    unit_beside,
 )
 
 NAME = "HDF5"
@@ -33,18 +36,21 @@ def read(content: bytes) -> tuple[list[Channel], str]:
         with h5py.File(io.BytesIO(content), "r") as file:
             file.visititems(lambda name, one: held.append((name, one)) if _is_own(h5py, one) else None)
             refuse_large((one.size for _, one in held), NAME)
-            steps = {name.rpartition("/")[0]: step for name, one in held if (step := _step_s(name, one)) > 0}
+            steps = {name.rpartition("/")[0]: step for name, one in held if (step := _step(name, one)) is not None}
             for group in {group.name: group for _, one in held for group in _groups(one)}.values():
-                if (step := _of_attributes(group)) > 0:
+                if (step := _of_attributes(group)) is not None:
                     steps[group.name.strip("/")] = step
+            scales = {one.name: name for name, one in held}
             found = []
             for name, one in held:
                 units = next((_texts(one.attrs[key]) for key in UNITS if key in one.attrs), [""])
-                own = _of_attributes(one)
-                step = own if own > 0 else nearest(name.rpartition("/")[0], steps)
+                step = _of_attributes(one) or nearest(name.rpartition("/")[0], steps)
                 channels = channels_of(name, _scaled(name, one), units[0] if len(units) == 1 else "", step)
                 own_units = units if len(units) == len(channels) else [channel.unit for channel in channels]
-                found += [channel._replace(unit=unit) for channel, unit in zip(channels, own_units, strict=True)]
+                over = _scale_name(one, scales)
+                found += [
+                    channel._replace(unit=unit, over=over) for channel, unit in zip(channels, own_units, strict=True)
+                ]
     except (OSError, ValueError, KeyError, RuntimeError, OverflowError) as error:
         raise RecordingError(
             f"got a damaged file of {NAME} ({error})", remedy="export it again", allowed="a whole one"
@@ -65,7 +71,19 @@ def _scaled(name: str, one: Any) -> Any:
             allowed="scale_factor and add_offset",
         )
     factor, offset = (one.attrs.get(key, usual) for key, usual in (("scale_factor", 1), ("add_offset", 0)))
-    return one[()] if (factor, offset) == (1, 0) else one[()] * float(factor) + float(offset)
+    values, fill = one[()], one.attrs.get("_FillValue")
+    if fill is not None and np.size(fill) == 1 and one.size > 1:
+        # What is filled in stands for a missing sample, before it is scaled.
+        values = np.where(values == np.reshape(fill, ()), np.nan, values) if np.any(values == fill) else values
+    return values if (factor, offset) == (1, 0) else values * float(factor) + float(offset)
+
+
+def _scale_name(one: Any, scales: Mapping[str, str]) -> str:
+    """Return the name of the dataset that is the scale of a dataset's longest dimension; empty without one."""
+    if one.ndim not in (1, 2) or one.is_scale:
+        return ""
+    along = one.dims[int(np.argmax(one.shape))]
+    return next((scales[held.name] for held in along.values() if held.name in scales), "")
 
 
 def _is_own(h5py: Any, one: Any) -> bool:
@@ -80,12 +98,17 @@ def _groups(one: Any) -> list[Any]:
     return found
 
 
-def _of_attributes(one: Any) -> float:
-    return next((step for key, value in one.attrs.items() if (step := stated_step_s(key, value)) > 0), np.nan)
+def _of_attributes(one: Any) -> Step | None:
+    texts = {key: _texts(value)[0] for key, value in one.attrs.items() if np.size(value) == 1}
+    steps = (stated_step(key, value, unit_beside(key, texts)) for key, value in one.attrs.items())
+    return next((step for step in steps if step is not None), None)
 
 
-def _step_s(name: str, one: Any) -> float:
-    return stated_step_s(name.rpartition("/")[2], one[()]) if one.size == 1 else np.nan
+def _step(name: str, one: Any) -> Step | None:
+    if one.size != 1:
+        return None
+    units = next((_texts(one.attrs[key]) for key in UNITS if key in one.attrs), [""])
+    return stated_step(name.rpartition("/")[2], one[()], units[0])
 
 
 def _texts(value: Any) -> list[str]:

@@ -20,7 +20,8 @@ from palpate.experiment.recordings.formats.interface import (
     channels_of,
     nearest,
     refuse_large,
-    stated_step_s,
+    stated_step,
+    unit_beside,
 )
 from palpate.experiment.settings.delimited import LARGEST
 from palpate.experiment.settings.units import Heading, is_clock, time_unit
@@ -76,9 +77,10 @@ def read(content: bytes) -> tuple[list[Channel], str]:
 
 def _channels(held: list[_Variable], numbers: list[tuple[str, NDArray[np.generic]]]) -> list[Channel]:
     """Return the channels in variables that are numbers, each with what stands in its structure beside it."""
+    texts = {one.name.lower(): one.text.strip() for one in held if one.text}
     units = {_split(one.name)[0]: one.text.strip() for one in held if _split(one.name)[1].lower() in ("unit", "units")}
     steps = {group: step for name, values in numbers for group, own in (_split(name),)
-             if (step := stated_step_s(own, values)) > 0}  # fmt: skip
+             if (step := stated_step(own, values, unit_beside(name.lower(), texts))) is not None}  # fmt: skip
     scales = {
         _split(name)[0]: name for name, values in numbers if values.size == 1 and _split(name)[1].lower() in SCALES
     }

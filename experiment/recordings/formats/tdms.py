@@ -6,7 +6,7 @@ import struct
 import numpy as np
 
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.recordings.formats.interface import Channel, Format, channels_of, needed, refuse_large
+from palpate.experiment.recordings.formats.interface import Channel, Format, Step, channels_of, needed, refuse_large
 from palpate.experiment.settings.units import SECONDS, Heading, is_clock, time_unit
 
 NAME = "TDMS"
@@ -37,7 +37,7 @@ def read(content: bytes) -> tuple[list[Channel], str]:
             step_s = float(step) * unit_s if isinstance(step, int | float) and step > 0 else np.nan
             dimension = "Time" if is_clock(over or "time") and unit_s > 0 else over or x_unit
             unit = str(one.properties.get("unit_string") or one.properties.get("NI_UnitDescription") or "")
-            channels = channels_of(name, np.asarray(one[:]), unit, step_s)
+            channels = channels_of(name, np.asarray(one[:]), unit, Step(step_s))
             found += [channel._replace(dimension=dimension) for channel in channels]
     cut = file.file_status.incomplete_final_segment
     return found, f"got a file of {NAME} that is not finished: its last segment is cut off" if cut else ""

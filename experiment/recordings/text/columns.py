@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice, pairwise
 from math import isfinite
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,17 @@ from palpate.experiment.settings.delimited import (
     records,
     unclear_decimal,
 )
-from palpate.experiment.settings.units import Heading, heading, is_clock, is_step, is_unit, rate_in
+from palpate.experiment.settings.units import (
+    Heading,
+    contradict,
+    heading,
+    is_clock,
+    is_step,
+    is_unit,
+    likely_unit,
+    rate_in,
+    time_unit,
+)
 
 NEAREST = 4
 """Records above the rows among which names and units are looked for."""
@@ -40,14 +50,34 @@ NEAREST = 4
 TAIL, LAST_ROWS = 4096, 12
 """Characters of a text's end, and rows among them, that are looked at for one that is cut off."""
 
+BESIDE = " beside "
+"""Stands between two units of one column that contradict each other: that of its heading, and that below."""
+
+MISSING = frozenset(
+    ("nan", "na", "n/a", "#n/a", "null", "none", "inf", "+inf", "-inf", "infinity", "-infinity", "∞", "+∞", "-∞", "ovf",
+     "overflow", "overload", "overrange", "#num!", "#div/0!")
+)  # fmt: skip
+"""Cells, in small letters, that stand for a sample that is missing or beyond the range."""
+
 _WHOLE = re.compile(r" *[+-]?[0-9]+ *")
 _ZEROS = re.compile(r"0[0-9]")
 _NOT_CLEAR = "export it with semicolons between cells, or, if all are whole, state it"
 
 
+class Lines(Protocol):
+    """The line of each row in its file, from 1."""
+
+    def __getitem__(self, row: int, /) -> int:
+        """Return the line of a row, from 0."""
+        ...
+
+
 @dataclass(frozen=True)
 class Columns:
-    """The columns of a text: headings, finite values, each (n,) and whole where all are, and the lines of rows.
+    """The columns of a text: headings, values, each (n,) and whole where all are, and the lines of rows.
+
+    A value is NaN where its cell is empty or says that it is missing; a column whose last cells are empty ends there,
+    and `short` are line and numbers of the first such row.
 
     Columns at the places `stamped` are dates or times of day, in nanoseconds. `cut` says what makes the last row look
     cut off, and is empty where nothing does. `step` are the name, unit and value of the times' increment, where a line
@@ -62,6 +92,7 @@ class Columns:
     cut: str
     step: tuple[Heading, float] | None
     begins: int
+    short: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -104,11 +135,13 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
         return replace(made, understood=replace(made.understood, decimal=","))
     decimal = stated.decimal or _decimal(text, begins, shape, SAMPLE, stated)
     values = _fast(raw, len(text[: begins.start].encode()), shape, decimal or ".")
+    short = None
     if values is None:
         decimal = stated.decimal or _decimal(text, begins, shape, None, stated)
-        values = _slow(text, begins, shape, decimal or ".")
+        values, short = _slow(text, begins, shape, decimal or ".")
     ends = len(begins.cells) - shape.first - shape.width
     headings, lines = _headings(head, shape, values, ends=ends)
+    _refuse_dropped(head, lines, shape, values, stated)
     stamped = tuple(
         place
         for place, column in enumerate(values)
@@ -120,7 +153,7 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     understood = Understood(encoding, shape.delimiter, decimal, lines, names, units, begins.line, len(values[0]))
     held = RowLines(text, begins, shape)
     cut, step = _cut(text, shape, decimal), _step(head, shape, decimal)
-    return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, begins.start)
+    return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, begins.start, short)
 
 
 def _unreadable() -> RecordingError:
@@ -142,7 +175,12 @@ def _is_number(cell: str) -> bool:
 
 
 def _numeric(cells: Sequence[str]) -> bool:
-    return bool(cells) and all(map(_is_number, cells))
+    """Return whether cells are numbers, but for some that say that they are missing."""
+    return any(map(_is_number, cells)) and all(_is_number(cell) or _is_missing(cell) for cell in cells)
+
+
+def _is_missing(cell: str) -> bool:
+    return cell.strip().lower() in MISSING
 
 
 def _trimmed(cells: list[str]) -> tuple[int, list[str]]:
@@ -176,6 +214,10 @@ def _shape(text: str, delimiter: str, most: int | None, least: int) -> _Shape:
         if len(cells) >= least and _numeric(cells)
     )
     (first, width), rows = shapes.most_common(1)[0] if shapes else ((0, 0), 0)
+    # Some channels may end before the others.
+    wider = [one for one, many in shapes.items() if one[0] + one[1] > first + width and many * 20 >= rows]
+    if len(wider) == 1 and shapes[wider[0]] > 1 and wider[0][0] <= first:
+        (first, width), rows = wider[0], shapes[wider[0]] + rows
     return _Shape(delimiter, first, width, rows)
 
 
@@ -345,22 +387,26 @@ def _cut(text: str, shape: _Shape, decimal: str) -> str:
     return f"the last row has no line end, and {decimals[-1]} decimals where others have {decimals[0]}" if fixed else ""
 
 
-def _slow(text: str, begins: Record, shape: _Shape, decimal: str) -> list[NDArray[Any]]:
+def _slow(text: str, begins: Record, shape: _Shape, decimal: str) -> tuple[list[NDArray[Any]], tuple[int, int] | None]:
+    """Return the columns, and the line and numbers of the first row at which one of them ends before the others."""
     columns: list[list[float]] = [[] for _ in range(shape.width)]
-    for record in _rows(text, begins, shape):
+    empty: list[list[tuple[int, int]]] = [[] for _ in range(shape.width)]
+    for row, record in enumerate(_rows(text, begins, shape)):
         cells = _cells(record, shape)
         filled = sum(bool(cell.strip()) for cell in cells)
-        if filled != shape.width or len(cells) != shape.width:
+        if len(cells) > shape.width or not filled or (len(cells) < shape.width and not shape.delimiter):
             raise RecordingError(
                 f"got {filled} numbers",
                 remedy="correct or remove the line",
                 allowed=f"{shape.width}, as in line {begins.line}",
                 line=record.line,
             )
-        for place, cell in enumerate(cells):
-            bare = cell.strip()
+        for place in range(shape.width):
+            bare = cells[place].strip() if place < len(cells) else ""
             value = int(bare) if bare.isascii() and bare.isdecimal() else number(bare, decimal)
-            if not isfinite(value):
+            if not bare:
+                empty[place].append((row, record.line))
+            elif not isfinite(value) and not _is_missing(bare):
                 raise RecordingError(
                     f"got {bare[:40]!r} in column '{place + 1}'",
                     remedy="correct the line, or export the measurement again",
@@ -368,7 +414,23 @@ def _slow(text: str, begins: Record, shape: _Shape, decimal: str) -> list[NDArra
                     line=record.line,
                 )
             columns[place].append(value)
-    return [_array(column) for column in columns]
+    short = _shortened(columns, empty)
+    if not all(columns):
+        raise _unreadable()
+    return [_array(column) for column in columns], short
+
+
+def _shortened(columns: list[list[float]], empty: list[list[tuple[int, int]]]) -> tuple[int, int] | None:
+    """Cut the empty cells at the end of each column, of row and line; return the first such line, and its numbers."""
+    lasts: list[tuple[int, int]] = []
+    for column, gaps in zip(columns, empty, strict=True):
+        line = 0
+        while gaps and gaps[-1][0] == len(column) - 1:
+            line = gaps.pop()[1]
+            column.pop()
+        lasts += [(line, len(column))] if line else []
+    first = min(lasts, default=None)
+    return None if first is None else (first[0], sum(len(column) > first[1] for column in columns))
 
 
 def _array(values: list[float]) -> NDArray[Any]:
@@ -399,17 +461,73 @@ def _headings(
     ]
     if not fitting:
         return [Heading("", "")] * shape.width, ()
-    below = [place for place, (_, cells) in enumerate(fitting) if all(is_unit(cell) for cell in cells if cell)]
+    below = [
+        place
+        for place, (_, cells) in enumerate(fitting)
+        if all(is_unit(cell) for cell in cells if cell) or (place and _times_below(fitting[place - 1][1], cells))
+    ]
     above = fitting[below[-1] - 1][1] if below else []
     if below and not (below[-1] and _are_names(above)):
         # No names stand above these units.
         return [Heading("", cell) for cell in fitting[below[-1]][1]], (fitting[below[-1]][0],)
     if below and below[-1] > 0:
         (named, names), (line, row) = fitting[below[-1] - 1], fitting[below[-1]]
-        units = [heading(cell).unit or cell for cell in row]
-        return [Heading(heading(name).name, unit) for name, unit in zip(names, units, strict=True)], (named, line)
+        return [_with_unit(name, cell) for name, cell in zip(names, row, strict=True)], (named, line)
     line, cells = fitting[-1]
     return [heading(cell) for cell in cells], (line,)
+
+
+def _times_below(names: Sequence[str], cells: Sequence[str]) -> bool:
+    """Return whether a unit of time stands below a name of times, and below the other names no such ones."""
+    clocks = [is_clock(heading(name).name) and not is_unit(name) for name in names]
+    units = [bool(time_unit(Heading("", heading(cell).unit or cell))) for cell in cells]
+    return any(clocks) and clocks == units
+
+
+def _with_unit(name: str, below: str) -> Heading:
+    """Return a heading with the unit that stands below it; with both, where they contradict each other."""
+    above, unit = heading(name), heading(below).unit or below
+    own = above.unit or (time_unit(above) if is_clock(above.name) else "")
+    if unit and own and contradict(own, unit):
+        return Heading(above.name, f"{own}{BESIDE}{unit}")
+    return Heading(above.name, unit or own)
+
+
+def _names_in(raw: str, shape: _Shape) -> list[str]:
+    """Return the cells of a record that looks like names of columns, with times or units; none of another record."""
+    comment = COMMENT_SIGN.match(raw) is not None and not raw.lstrip().startswith(shape.delimiter)
+    bare = COMMENT_SIGN.sub("", raw, count=1) if comment else raw
+    row = next(csv.reader([bare.strip("\r\n")], delimiter=shape.delimiter), [])
+    cells = [cell.strip() for cell in row if cell.strip()]
+    like = any(is_clock(heading(cell).name) or heading(cell).unit for cell in cells)
+    other = any(map(_is_number, cells)) or any(map(is_step, cells))
+    return cells if like and not other and len(cells) > 1 else []
+
+
+def _refuse_dropped(
+    head: Sequence[tuple[int, str]],
+    lines: Sequence[int],
+    shape: _Shape,
+    values: Sequence[NDArray[Any]],
+    stated: Stated,
+) -> None:
+    """Refuse names right above the rows that are more or fewer than the columns: nobody knows which is whose."""
+    line, raw = head[-1] if head else (0, "")
+    aside = stated.rate_hz is not None or (stated.time_column or "").isdecimal()
+    if aside or not shape.delimiter or (lines and line <= lines[-1]):
+        return
+    cells = _names_in(raw, shape)
+    if not cells:
+        return
+    words = "correct the line in a copy, or leave names aside: state the number of the column of times, and its unit"
+    clock = next((place for place, cell in enumerate(cells) if is_clock(heading(cell).name)), 0)
+    unit = time_unit(heading(cells[clock])) or likely_unit(float(np.median(np.diff(values[0]))), float(values[0][0]))
+    raise RecordingError(
+        f"got {len(cells)} names above rows of {shape.width} numbers",
+        remedy=stated.remedy(words, "--time-column", "1", "--time-unit", unit),
+        allowed="a name for each column",
+        line=line,
+    )
 
 
 def _heading_cells(raw: str, shape: _Shape, values: Sequence[NDArray[Any]], *, ends: int) -> list[str]:

@@ -36,11 +36,23 @@ from palpate.experiment.errors import PublishedError
         ("F(2, 1,100) = 4.35, p = .013", "F", ("2", "1100"), 0.013130),
         ("F(1,100) = 4.35, p = .04", "F", ("1", "100"), 0.039555),
         ("t(28) = 2.20, p < 5 %", "t", ("28",), 0.036225),
+        ("p = .036 for t(28) = 2.20", "t", ("28",), 0.036225),
+        ("p = .021 for the effect of task, F(2, 27) = 4.50", "F", ("2", "27"), 0.020574),
+        ("(p = .050; z = 1.96)", "z", (), 0.049996),
+        ("t = 2.20, df = 28, p = .036", "t", ("28",), 0.036225),
+        ("F = 4.50, df = 2, 27, p = .021", "F", ("2", "27"), 0.020574),
+        ("\u03c7\u00b2 = 6.40 (df = 2), p = .041", "chi2", ("2",), 0.040762),
+        ("\u03c7\u00b2\u2082 = 6.40, p = .041", "chi2", ("2",), 0.040762),
+        ("Chi-Quadrat(2) = 6,40; p = ,041", "chi2", ("2",), 0.040762),
+        ("r = .45, n = 30, p = .013", "r", ("28",), 0.012591),
+        # By R, the upper tail of F = 4.1 with 1.62 and 17.8 df.
+        ("F(1,62, 17,8) = 4,10, p = 0,042", "F", ("1.62", "17.8"), 0.041463),
+        ("F(1,62; 17,8) = 4,10; p = 0,042", "F", ("1.62", "17.8"), 0.041463),
         ("t(28) = 2.20, p = 3.62 \u00d7 10\u22122", "t", ("28",), 0.036225),
     ],
 )
 def test_a_test_is_read_however_it_is_written(sentence: str, statistic: str, df: tuple[str, ...], p: float) -> None:
-    (one,) = reported_tests(f"We saw that {sentence}, as was expected.")
+    (one,) = reported_tests(f"We saw that {sentence}, as was expected.").tests
     assert (one.statistic, tuple(each.text for each in one.df)) == (statistic, df)
     assert float(p_values(one).low) <= p <= float(p_values(one).high)
     (line,) = sentence_lines([one], one_tailed=False)
@@ -52,7 +64,10 @@ def test_a_page_with_subscripts_entities_and_scripts() -> None:
         "<p><i>t</i><sub>11</sub>&nbsp;= 8.14, <i>p</i>&nbsp;&lt;&nbsp;.001;</p><script>t(3) = 1.0, p = .9</script>"
         "<p><em>F</em>(1, 20) = 15.00, <em>p</em> = 9.5 \u00d7 10<sup>\u22124</sup></p>"
     )
-    assert [(one.statistic, one.p.text) for one in reported_tests(words(page))] == [("t", "<0.001"), ("F", "9.5e-4")]
+    assert [(one.statistic, one.p.text) for one in reported_tests(words(page)).tests] == [
+        ("t", "<0.001"),
+        ("F", "9.5e-4"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -72,8 +87,24 @@ def test_a_page_with_subscripts_entities_and_scripts() -> None:
     ],
 )
 def test_what_contradicts_itself_is_accused(sentence: str, quantity: str) -> None:
-    lines = [*sentence_lines(reported_tests(sentence), one_tailed=False)]
+    lines = [*sentence_lines(reported_tests(sentence).tests, one_tailed=False)]
     assert [line.quantity for line in lines if not line.agrees] == [quantity]
+
+
+@pytest.mark.parametrize(
+    ("sentence", "named"),
+    [
+        ("U = 30.5, p = .9", ["U = 30.5, p = .9"]),
+        ("H(2) = 9.21, p = .01, and \u03b2 = 0.34, p = .02", ["H(2) = 9.21, p = .01", "\u03b2 = 0.34, p = .02"]),
+        ("It was so, t(11) = 2.24. Others had more, p = .02", ["t(11) = 2.24", "p = .02"]),
+        ("t = 2.24, p = .05", ["t = 2.24, p = .05"]),
+        ("M = 3.4, 95% CI [0.1, 0.9]", ["95% CI [0.1, 0.9]"]),
+        ("t(0) = 2.24, p = .05", ["t(0) = 2.24, p = .05"]),
+        ("t(28) = 2.20, p = .036, at t = 0.5 s and z = 3 mm", []),
+    ],
+)
+def test_what_looks_like_a_test_and_is_not_read_is_named(sentence: str, named: list[str]) -> None:
+    assert [each.split("'")[1] for each in reported_tests(sentence).unchecked] == named
 
 
 @pytest.mark.parametrize(
@@ -93,7 +124,7 @@ def test_a_direction_of_something_else_makes_no_test_one_tailed(text: str, wheth
 def test_half_a_p_stands_where_the_paper_says_one_tailed() -> None:
     text = "All tests are one-tailed. t(28) = 2.20, p = .018"
     assert mentions_one_tailed(text)
-    assert all(line.agrees for line in sentence_lines(reported_tests(text), one_tailed=True))
+    assert all(line.agrees for line in sentence_lines(reported_tests(text).tests, one_tailed=True))
 
 
 def test_no_right_line_is_accused() -> None:
@@ -112,7 +143,7 @@ def test_no_right_line_is_accused() -> None:
         ):
             shown = "p < .001" if p < 0.001 else f"p = {p:.3f}" if draw.random() < 0.5 else f"p = {p:.2f}"
             made.append(f"{head}, {shown}")
-    lines = [*sentence_lines(reported_tests(". ".join(made)), one_tailed=False)]
+    lines = [*sentence_lines(reported_tests(". ".join(made)).tests, one_tailed=False)]
     assert len(lines) == len(made) == 1500
     assert [line for line in lines if not line.agrees] == []
 

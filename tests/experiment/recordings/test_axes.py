@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.experiment.recordings.axes import dft321, norm
+from palpate.experiment.recordings.series.axes import dft321, norm
 
 
 def _naive(axes: list[list[float]]) -> list[float]:

@@ -237,7 +237,7 @@ def test_rounded_times_are_tolerated_and_the_jitter_is_reported(tmp_path: Path) 
         ("frequency (Hz), gain\n10, 1\n20, 2\n", "got 'frequency' in the first column and no column named time"),
         ("position, force\n10, 1\n20, 2\n", "got 'position' in the first column"),
         ("0 1\n0.1 two\n", "line 2: got 'two' in column '2'; allowed: a number in every row"),
-        ("0 1\n0.1 nan\n", "line 2: got 'nan'"),
+        ("0 1\n0.1 nan\n", "line 2: got 1 of 2"),
         ("0 1\n0.1 1e999\n", "line 2: got '1e999'"),
         ("0 1\n0.1\n", "line 2: got 1 numbers; allowed: 2, as in line 1"),
         ("t;a;b\n0;1;2\n1;2;3\n2;;4\n", "line 4: got 2 numbers; allowed: 3, as in line 2"),

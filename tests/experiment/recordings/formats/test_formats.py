@@ -15,7 +15,7 @@ import pytest
 from scipy.io import savemat
 
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.recordings.formats import FORMATS, format_of, interface
+from palpate.experiment.recordings.formats import AUDIO, FORMATS, format_of, interface
 from palpate.experiment.recordings.readers import read
 from palpate.experiment.settings.delimited import Stated
 
@@ -291,5 +291,57 @@ def test_each_column_of_a_dataset_has_the_unit_that_stands_for_it(tmp_path: Path
 
 
 def test_a_rate_of_a_header_that_is_implausible_is_a_doubt(tmp_path: Path) -> None:
-    savemat(tmp_path / "taps.mat", {"acc": SAMPLES, "dt": 0.3125})
+    savemat(tmp_path / "taps.mat", {"acc": SAMPLES, "dt_s": 0.3125})
     assert [doubt.check for doubt in read(tmp_path / "taps.mat").doubts] == ["rate"]
+
+
+@pytest.mark.parametrize(
+    "held", [{"fs_kHz": 3.2}, {"fs": 3.2, "fs_unit": "kHz"}, {"dt": 0.3125, "dt_unit": "ms"}, {"dt_us": 312.5}]
+)
+def test_a_rate_or_step_has_the_unit_in_its_name_or_beside_it(tmp_path: Path, held: dict[str, Any]) -> None:
+    savemat(tmp_path / "taps.mat", {"acc": SAMPLES, **held})
+    with h5py.File(tmp_path / "taps.h5", "w") as file:
+        file["acc"] = SAMPLES
+        file["acc"].attrs.update(held)
+    made = [read(tmp_path / name).rate_hz for name in ("taps.mat", "taps.h5")]
+    assert made == [pytest.approx(RATE_HZ)] * 2
+
+
+def test_a_step_without_a_unit_is_asked_about(tmp_path: Path) -> None:
+    savemat(tmp_path / "taps.mat", {"acc": SAMPLES, "dt": 0.3125})
+    with pytest.raises(RecordingError) as refused:
+        read(tmp_path / "taps.mat")
+    assert "--time-unit ms" in str(refused.value.finding.remedy)
+    assert read(tmp_path / "taps.mat", stated=Stated(time_unit="ms")).rate_hz == pytest.approx(RATE_HZ)
+
+
+def test_the_scale_of_a_dimension_is_the_clock_of_its_channel(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "taps.h5", "w") as file:
+        file["acc"], file["force"] = SAMPLES, SAMPLES
+        for name, channel, step in (("axis", "acc", 0.3125), ("time", "force", 1.0)):
+            file[name] = np.arange(SAMPLES.size) * step
+            file[name].attrs["units"] = "milliseconds since 2024-03-12"
+            file[name].make_scale(name)
+            file[channel].dims[0].attach_scale(file[name])
+    made = {name: read(tmp_path / "taps.h5", channel=name) for name in ("acc", "force")}
+    assert {name: (round(one.rate_hz, 6), one.channels) for name, one in made.items()} == {
+        "acc": (RATE_HZ, ("acc", "force")), "force": (1000.0, ("acc", "force")),
+    }  # fmt: skip
+
+
+def test_what_is_filled_in_is_missing_and_bridged_on_request(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "taps.h5", "w") as file:
+        file["acc"] = np.where(np.isin(np.arange(SAMPLES.size), (100, 101)), -999.0, SAMPLES)
+        file["acc"].attrs.update({"fs": RATE_HZ, "_FillValue": -999.0})
+    with pytest.raises(RecordingError, match="--resample"):
+        read(tmp_path / "taps.h5")
+    made = read(tmp_path / "taps.h5", stated=Stated(resample=True))
+    assert (made.samples.size, [doubt.check for doubt in made.doubts]) == (SAMPLES.size, ["resampled"])
+    np.testing.assert_allclose(made.samples, SAMPLES, atol=0.02)
+
+
+@pytest.mark.parametrize("begins", AUDIO)
+def test_sound_of_other_formats_is_refused_with_a_command_that_converts_it(tmp_path: Path, begins: bytes) -> None:
+    (tmp_path / "taps.bin").write_bytes(begins + bytes(100))
+    with pytest.raises(RecordingError, match="ffmpeg -i"):
+        read(tmp_path / "taps.bin")

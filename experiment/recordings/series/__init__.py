@@ -1,0 +1,1 @@
+"""Series of numbers from any file: channels, the times that belong to each, and three axes as one."""
