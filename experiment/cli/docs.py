@@ -12,6 +12,7 @@ commands = options.room()
 
 GUIDES = {
     "studies": ("protocols/README.md", "protocols, boards, visits, practice: a study step by step"),
+    "examples": ("protocols/studies.md", "what the shipped studies answer"),
     "keys": ("protocols/keys.md", "every key of a protocol and a rig"),
     "rigs": ("experiment/apparatus/README.md", "devices: building, wiring, calibrating, drivers of your own"),
     "firmware": ("experiment/apparatus/firmware/README.md", "a tracker from an Arduino"),

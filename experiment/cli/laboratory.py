@@ -374,11 +374,12 @@ def rehearse(
         Path | None, typer.Option("--out", help="Folder of the dataset [default: participants/rehearsal-...].")
     ] = None,
     rig: Annotated[
-        Path | None, typer.Option("--rig", help="Rig file of a simulated rig [default: the shipped one].")
+        Path | None,
+        options.file_option("--rig", "A simulated rig [default: the shipped one]."),
     ] = None,
     panel: Annotated[
         Path | None,
-        typer.Option("--panel", help="File of modes of a simulated panel [default: one without a phase]."),
+        options.file_option("--panel", "File of modes of a simulated panel [default: one without a phase]."),
     ] = None,
     control: Annotated[
         Literal["none", "silence"], typer.Option("--control", help="'silence' replaces every stimulus with zeros.")

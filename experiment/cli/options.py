@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -27,6 +27,18 @@ def a_protocol(name: str) -> Path:
     from palpate.experiment.protocol.files import named
 
     return named(name)
+
+
+def a_file(name: str) -> Path:
+    """Return the file at a path, also where a guide names one that comes with palpate."""
+    from palpate.experiment.protocol.files import of_guides
+
+    return of_guides(name)
+
+
+def file_option(name: str, words: str) -> Any:
+    """Return an option that takes such a file."""
+    return typer.Option(name, parser=a_file, metavar="FILE", help=words)
 
 
 ProtocolFile = Annotated[

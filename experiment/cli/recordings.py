@@ -188,7 +188,10 @@ def plan(
     recordings: Annotated[
         Path | None, typer.Option("--recordings", help="Folder of recordings [default: simulated recordings].")
     ] = None,
-    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file [default: the rehearsal's].")] = None,
+    rig: Annotated[
+        Path | None,
+        options.file_option("--rig", "Rig file [default: the rehearsal's]."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Print what a task needs and what it leaves out.

@@ -21,7 +21,7 @@ calibrate = typer.Typer(
 )
 commands.add_typer(calibrate, name="calibrate")
 
-RigFile = Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")]
+RigFile = Annotated[Path, options.file_option("--rig", "Rig file of this laboratory.")]
 
 
 @commands.command(epilog="Example: palpate devices --json")

@@ -105,9 +105,16 @@ def shipped(name: str) -> Path:
     raise PalpateError(f"protocols/{name}", "the shipped file was not found", "name a file on the command line")
 
 
+def of_guides(name: str) -> Path:
+    """Return a path; where no file is there, a path `protocols/...` of the guides is that of the shipped file."""
+    path = Path(name)
+    inside = PACKAGE.joinpath("shipped", *path.parts[1:])
+    return inside if path.parts[:1] == ("protocols",) and not path.exists() and inside.is_file() else path
+
+
 def named(name: str) -> Path:
     """Return the protocol file at this path, or the shipped one with this id. Raises `PalpateError` for neither."""
-    path = Path(name)
+    path = of_guides(name)
     if path.is_file() or path.suffix or len(path.parts) > 1:
         return path
     folders = (PACKAGE.parent / "protocols", PACKAGE / "shipped")

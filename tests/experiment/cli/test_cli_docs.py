@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import __main__
-from palpate.experiment.cli import COMMANDS, docs
+from palpate.experiment.cli import COMMANDS, docs, options
+from palpate.experiment.protocol import files
 from tests.conftest import Palpate
 
 
@@ -56,3 +57,26 @@ def test_bash_can_read_its_completion(monkeypatch: pytest.MonkeyPatch, capsys: p
     script = completed(monkeypatch, capsys, _PALPATE_COMPLETE="source_bash")
     assert "complete_bash" in script
     assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
+
+
+def test_every_guide_of_protocols_and_devices_is_listed(repository_root: Path) -> None:
+    guides = {file for file, _ in docs.GUIDES.values()}
+    rooms = [repository_root / room for room in ("protocols", "experiment/apparatus")]
+    assert {path.relative_to(repository_root).as_posix() for room in rooms for path in room.rglob("*.md")} <= guides
+
+
+def test_a_path_of_the_guides_is_the_shipped_file_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after the install of a wheel, which has no folder `protocols`."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(files, "PACKAGE", tmp_path / "package")
+    inside = tmp_path / "package" / "shipped" / "rigs" / "one.toml"
+    inside.parent.mkdir(parents=True)
+    inside.touch()
+    own = Path("protocols/rigs/one.toml")
+    given = [str(own), "protocols/mine.toml", "rigs/one.toml"]
+    assert [*map(options.a_file, given)] == [inside, *map(Path, given[1:])]
+    own.parent.mkdir(parents=True)
+    own.touch()
+    assert options.a_file(str(own)) == own
