@@ -1,8 +1,8 @@
 """Study -> tables for other software, with a dictionary of every column.
 
 `trials.csv` has a row for each attempt, `long.csv` counts for R, `wide.csv` a row for each participant for JASP,
-`psychopy.csv` PsychoPy's columns; `pairs.csv` counts ordered pairs. UTF-8 with commas; NA is missing, or empty for
-PsychoPy.
+`psychopy.csv` PsychoPy's columns; `pairs.csv` counts ordered pairs, `heard.csv` has what an accelerometer
+heard. UTF-8 with commas; NA is missing, or empty for PsychoPy.
 """
 
 import json
@@ -15,10 +15,14 @@ import pandas as pd
 from palpate.analysis import designs
 from palpate.analysis.documents.output import check, publish
 from palpate.analysis.documents.tables import cell
-from palpate.analysis.reading.dataset import MISSING, read_pooled
+from palpate.analysis.reading.dataset import FURTHER, MISSING, read_pooled
 from palpate.analysis.reading.study import Study
+from palpate.experiment.records import events
+from palpate.experiment.synthesis.noticing import THIRDS_HZ
 
-DICTIONARY = "data_dictionary.csv"
+DICTIONARY, HEARD = "data_dictionary.csv", "heard.csv"
+OF_ATTEMPTS = ("dataset", "participant", "task", "trial", "attempt", "counted", "included")
+THIRDS = ("sent_thirds", "heard_thirds")
 
 
 def columns_of(design: str) -> dict[str, dict[str, tuple[str, str]]]:
@@ -49,9 +53,31 @@ def files(study: Study) -> dict[str, bytes]:
     design = designs.design_of(study)
     frames, further = design.export(study, frame, _exclusions(study))
     columns = columns_of(design.name)
+    heard = frame[frame["heard_thirds"].notna() & frame["sent_thirds"].notna()]
+    if not heard.empty:
+        levels = pd.concat([pd.DataFrame(heard[of].tolist(), heard.index, _thirds(of)) for of in THIRDS], axis=1)
+        frames = {**frames, HEARD: heard.join(levels)}
+        columns[HEARD] = {name: columns["trials.csv"][name] for name in OF_ATTEMPTS} | _of_heard()
     for name, described in further.items():
         columns[name] |= described
     return _written(study, frames, columns)
+
+
+def _of_heard() -> dict[str, tuple[str, str]]:
+    """Return the columns of what an accelerometer heard, with descriptions and units: those of events tables."""
+    named, units = {column: name for name, column in FURTHER.items()}, {"heard_of": "text", "heard_gain": "share"}
+    told = {
+        named.get(column, column): (str(text["Description"]), str(text.get("Units") or units[column]))
+        for group in ("heard_of", "heard")
+        for column, text in events.columns_of(group).items()
+    }
+    thirds = {of: told.pop(of) for of in THIRDS}
+    return told | {name: text for of, text in thirds.items() for name in _thirds(of)}
+
+
+def _thirds(of: str) -> list[str]:
+    """Return the columns of the levels of third octaves, by their middle, Hz."""
+    return [f"{of}_{hz:.3g}_hz" for hz in THIRDS_HZ]
 
 
 def _written(study: Study, frames: Mapping[str, pd.DataFrame], described: designs.Described) -> dict[str, bytes]:

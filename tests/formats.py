@@ -22,7 +22,7 @@ from palpate.analysis.analyse import analyse
 from palpate.analysis.documents import page
 from palpate.experiment import storage
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.dataset import tables
+from palpate.experiment.dataset import bids, tables
 from palpate.experiment.dataset.checks import Plan
 from palpate.experiment.protocol import approval, designs, kinds
 from palpate.experiment.protocol.designs import plannable_tests
@@ -76,7 +76,7 @@ def _plain(schema: Any) -> Any:
 
 
 def _dataset() -> Description:
-    names = (*kinds.NAMES, "further", "heard", "answers", "imported", "participants")
+    names = (*kinds.NAMES, *bids.FURTHER, "imported", "participants")
     # Pairs are described as they were before their kind was called tapping: their columns are the same.
     tables_of = {"comparison" if name == "tapping" else name: name for name in names}
     with tempfile.TemporaryDirectory() as folder:

@@ -400,6 +400,7 @@ def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, o
         **{name: _number(cells.get(column, MISSING), f"{where}: {column}") for name, column in FURTHER.items()},
         **{name: _levels_db(cells.get(name, MISSING), f"{where}: {name}") for name in ("sent_thirds", "heard_thirds")},
         "stimulus_method": cells.get("stimulus_method", MISSING),
+        "heard_of": cells.get("heard_of", " | ".join(cells[column] for column in presented)),
         "redo_reason": cells["redo_reason"],
         "included": counted == "1",
     }

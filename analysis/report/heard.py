@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from palpate.analysis.documents.tables import Column, Record, Table, tabulate
+from palpate.analysis.documents.tables import Column, Record, Section, Table, tabulate
 from palpate.analysis.reading.study import Study
 from palpate.experiment.synthesis.noticing import THIRDS_HZ
 
@@ -13,8 +13,8 @@ UNHEARD = (
 )
 
 UNLISTENED = (
-    "No table compares what was sent with what was heard: this dataset has no such comparison. One of footsteps has it "
-    "where the rig's panel was measured and its accelerometer stays on it."
+    "No table compares what was sent with what was heard: this dataset has no such comparison. One has it where the "
+    "rig's panel was measured and its accelerometer stays on it."
 )
 
 LEAST_SHARE = 1e-3
@@ -22,10 +22,10 @@ LEAST_SHARE = 1e-3
 
 NOTE = (
     "Sent is the movement that the panel, by its measured response, makes of the samples; heard is all that its "
-    "accelerometer heard around it, a foot's impact included. Each is the median, then the worst. Peak: heard by sent. "
-    "Third octaves: of each stimulus the one farthest off, of those from 10 to 500 Hz with "
-    f"{LEAST_SHARE:.1%} or more of the energy sent, in magnitude, and where the worst is. Delay: until what was sent "
-    "was heard, latencies of both ports included."
+    "accelerometer heard around it, the impact of foot or hand included, of the last stimulus of an attempt. Each is "
+    "the median, then the worst. Peak: heard by sent. Third octaves: of each stimulus the one farthest off, of those "
+    f"from 10 to 500 Hz with {LEAST_SHARE:.1%} or more of the energy sent, in magnitude, and where the worst is. "
+    "Delay: until what was sent was heard, latencies of both ports included."
 )
 
 
@@ -37,10 +37,18 @@ def heard_tables(study: Study, attempts: pd.DataFrame) -> tuple[Table, ...]:
         _record(task.id, material, rows)
         for task in study.tasks
         for material in study.materials
-        if not (rows := known[(known["task"] == task.id) & (known["presented"] == material)]).empty
+        if not (rows := known[(known["task"] == task.id) & (known["heard_of"] == material)]).empty
     ]
     title = f"Heard by an accelerometer beside what was sent, in {len(known)} of {len(attempts)} attempts"
     return (tabulate(title, HEARD, records, (NOTE,)),) if records else ()
+
+
+def heard_sections(study: Study) -> tuple[Section, ...]:
+    """Return the section of what was heard, of participants analysed, or none where nothing listened."""
+    attempts = study.attempts
+    used = attempts[attempts["participant"].isin(attempts.loc[attempts["included"], "participant"])]
+    tables = heard_tables(study, used)
+    return (Section("heard", "What was heard", (), tables),) if tables else ()
 
 
 def _decibels(value: float | None) -> str:

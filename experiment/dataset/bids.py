@@ -23,6 +23,8 @@ from palpate.experiment.records.software import Software
 
 BIDS_VERSION = "1.11.0"
 MISSING = "n/a"
+FURTHER = ("further", "heard_of", "heard", "answers")
+"""Groups of columns that a table has where a row has them."""
 
 Origin = Literal["PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED"]
 
@@ -241,7 +243,7 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
     attempts = list(rows)
     known = {name for row in attempts for name in row}
     own = columns_of(task.kind, design_of(task.design).shown_together({"intervals": task.intervals}))
-    further = {**columns_of("further"), **columns_of("heard"), **columns_of("answers")}
+    further = {name: text for group in FURTHER for name, text in columns_of(group).items()}
     texts = {**own, **{name: text for name, text in further.items() if name in known}}
     described = _described(texts, task.origin)
     for name in ("presented", *PLACES):

@@ -20,6 +20,7 @@ from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records import entries, journal, software
 from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.records.stimulus import Stimulus
 
 ORIGINS: dict[entries.Purpose, bids.Origin] = {
     "STUDY": "PARTICIPANT",
@@ -250,6 +251,25 @@ def _press_cells(answer: entries.Answer, own: Cells) -> dict[str, object]:
         "response_time_standard_error": None if answer.error_s is None else round(answer.error_s, 6),
         "response_from_onset": None if from_onset_s is None else round(from_onset_s, 6),
         "press_device_time": None if answer.device_us is None else answer.device_us / 1e6,
+    }
+
+
+def heard_cells(stimulus: Stimulus | None, material: str | None = None) -> dict[str, object]:
+    """Return what was heard of a stimulus beside what was sent, by column; nothing where nothing was heard.
+
+    `material` is whose stimulus it was, where the row presents several.
+    """
+    heard, moved = (stimulus.heard, stimulus.moved) if stimulus is not None else (None, None)
+    if heard is None or moved is None or heard.peak_m_s2 is None or not heard.sent_thirds_db:
+        return {}
+    return {
+        **({} if material is None else {"heard_of": material}),
+        "sent_peak": round(moved.peak_m_s2, 9),
+        "heard_peak": round(heard.peak_m_s2, 9),
+        "heard_delay": None if heard.delay_ms is None else round(heard.delay_ms / 1e3, 6),
+        "heard_gain": None if heard.gain is None else round(heard.gain, 6),
+        "sent_thirds": " | ".join(map(str, heard.sent_thirds_db)),
+        "heard_thirds": " | ".join(map(str, heard.thirds_db)),
     }
 
 

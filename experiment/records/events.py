@@ -23,7 +23,7 @@ def columns_of(kind: str, intervals: int = 1) -> Columns:
     A kind that has `presented` and `PLACES` has the one where a trial presents one material, else as many of the others
     as there are `intervals`.
 
-    In events.json `further`, `heard` by an accelerometer, and `answers` of those who answer themselves, are absent
+    In events.json `further`, `heard` by an accelerometer and `heard_of` what, and `answers` of participants are absent
     where a session does not know them, `imported` replace descriptions of imported answers, and `participants` are
     those of `participants.tsv`. `all` has what a text `all` stands for.
     """

@@ -54,6 +54,7 @@ from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
 from palpate.analysis.report.answers import left_and_sure
+from palpate.analysis.report.heard import heard_sections
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.designs import comparison as asked
 
@@ -109,7 +110,9 @@ def sections(study: Study, results: Compared, printed: Published | None) -> tupl
         stands.results: (plan.marked(pairs, *against), _scales(results, stands)),
         "Exploratory": (plan.marked(_bias(results), plan.EXPLORATORY),),
         "Left out": (plan.exclusions_section(study),),
-        ON_METHODS: tuple(plan.marked(one, plan.DESCRIPTIVE) for one in (*beside, *force_sections(study))),
+        ON_METHODS: tuple(
+            plan.marked(one, plan.DESCRIPTIVE) for one in (*beside, *force_sections(study), *heard_sections(study))
+        ),
     }
     return (
         _answers(study, results, stands),

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING
 from palpate.analysis.designs import AnalysisDesign, Described
 from palpate.analysis.designs.detection import frequencies, results
 from palpate.analysis.designs.detection.results import Detections, TaskDetections, Threshold, Track
+from palpate.analysis.documents.page import ON_METHODS
 from palpate.analysis.documents.tables import Asked, Column, Record, Section, formulas, number, plural, span, tabulate
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
 from palpate.analysis.report.answers import left_and_sure
+from palpate.analysis.report.heard import heard_sections
 from palpate.experiment.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -79,6 +81,7 @@ def sections(study: Study, found: Detections, printed: Published | None, _: Sect
             plan.marked(_sensitivity(found), plan.mark_of(stands, SENSITIVITY, ids)),
         ),
         "Left out": (plan.exclusions_section(study),),
+        ON_METHODS: tuple(plan.marked(one, plan.DESCRIPTIVE) for one in heard_sections(study)),
     }
     return (
         _answers(study, found, stands),

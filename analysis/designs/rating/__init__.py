@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from palpate.analysis.designs import AnalysisDesign, Described
 from palpate.analysis.designs.rating import results
 from palpate.analysis.designs.rating.results import UNNAMED, Ratings, TaskRatings
+from palpate.analysis.documents.page import ON_METHODS
 from palpate.analysis.documents.tables import (
     Asked,
     Column,
@@ -30,6 +31,7 @@ from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
 from palpate.analysis.report.answers import left_and_sure
+from palpate.analysis.report.heard import heard_sections
 from palpate.experiment.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -76,6 +78,7 @@ def sections(study: Study, found: Ratings, printed: Published | None, _: Section
             plan.marked(_power(found), plan.mark_of(stands, POWER, ids)),
         ),
         "Left out": (plan.exclusions_section(study),),
+        ON_METHODS: tuple(plan.marked(one, plan.DESCRIPTIVE) for one in heard_sections(study)),
     }
     return (
         _answers(study, found, stands),

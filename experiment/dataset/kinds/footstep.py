@@ -13,7 +13,7 @@ from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker import frames
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.dataset import bids, traces
-from palpate.experiment.dataset.build import ORIGINS, Cells, DatasetKind, raw_frames
+from palpate.experiment.dataset.build import ORIGINS, Cells, DatasetKind, heard_cells, raw_frames
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import bridging, entries
@@ -96,7 +96,7 @@ def _cells(path: Path, contents: Contents) -> Iterator[tuple[entries.Outcome, Ce
                 **({"redo_reason": step.reason} if isinstance(step, BrokenOff) else {}),
                 **_timing_s(step, onset),
                 **_played(stimulus),
-                **_heard(stimulus),
+                **heard_cells(stimulus),
             },
         )
 
@@ -124,21 +124,6 @@ def _played(stimulus: Stimulus | None) -> dict[str, object]:
         "stimulus_error": round(made.relative_error, 9),
         "left_out": round(made.left_out, 9),
         "dissimilarity": round(made.dissimilarity_m_s2, 9),
-    }
-
-
-def _heard(stimulus: Stimulus | None) -> dict[str, object]:
-    """Return what was heard of a stimulus beside what was sent, by column; nothing where nothing was heard."""
-    heard, moved = (stimulus.heard, stimulus.moved) if stimulus is not None else (None, None)
-    if heard is None or moved is None or heard.peak_m_s2 is None or not heard.sent_thirds_db:
-        return {}
-    return {
-        "sent_peak": round(moved.peak_m_s2, 9),
-        "heard_peak": round(heard.peak_m_s2, 9),
-        "heard_delay": None if heard.delay_ms is None else round(heard.delay_ms / 1e3, 6),
-        "heard_gain": None if heard.gain is None else round(heard.gain, 6),
-        "sent_thirds": " | ".join(map(str, heard.sent_thirds_db)),
-        "heard_thirds": " | ".join(map(str, heard.thirds_db)),
     }
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from palpate.experiment.dataset.build import Cells, DatasetKind
+from palpate.experiment.dataset.build import Cells, DatasetKind, heard_cells
 from palpate.experiment.records import bridging
 from palpate.experiment.records.entries import Outcome
 from palpate.experiment.records.events import PLACES
@@ -40,6 +40,7 @@ def _played(intervals: Sequence[Interval], begun_ns: int) -> Cells:
         "left_out": _most(one.stimulus.computed.left_out for one in intervals),
         "dissimilarity": _most(one.stimulus.computed.dissimilarity_m_s2 for one in intervals),
         **({} if off_ms is None else {"delivery_error": round(off_ms / 1e3, 6)}),
+        **heard_cells(last.stimulus, last.material if len(intervals) > 1 else None),
     }
 
 

@@ -12,13 +12,13 @@ from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.servo.record import cycles_of
 from palpate.experiment.apparatus.servo.settings import largest_force_n
 from palpate.experiment.dataset import bids, traces
-from palpate.experiment.dataset.build import ORIGINS, Cells, DatasetKind, raw_frames
+from palpate.experiment.dataset.build import ORIGINS, Cells, DatasetKind, heard_cells, raw_frames
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.records import bridging
 from palpate.experiment.records.entries import Outcome
 from palpate.experiment.records.journal import Contents
-from palpate.experiment.records.kinds.tapping import PairLaidOut, Pushed
+from palpate.experiment.records.kinds.tapping import PairLaidOut, Pushed, Tapped
 
 ABOUT = (
     "Force that the servo sent, each cycle in which a block was rendered and the hand was near it or pushed; n/a "
@@ -40,12 +40,19 @@ DECIMALS = 5
 
 def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
     begun_ns = contents.lines[0].t_ns
+    taps = {(one.trial, one.attempt): one for one in contents.entries if isinstance(one, Tapped) and one.stimulus.heard}
     for entry, shift_ns in bridging.shifted(contents):
         if isinstance(entry, PairLaidOut):
             first, second = entry.presented
+            tap = taps.get((entry.trial, entry.attempt))
             yield (
                 entry,
-                {"onset": round((entry.laid_ns + shift_ns - begun_ns) / 1e9, 6), "first": first, "second": second},
+                {
+                    "onset": round((entry.laid_ns + shift_ns - begun_ns) / 1e9, 6),
+                    "first": first,
+                    "second": second,
+                    **(heard_cells(tap.stimulus, tap.material) if tap is not None else {}),
+                },
             )
 
 
