@@ -16,6 +16,7 @@ from palpate.experiment.dataset.imports.json_rows import UnderstoodJson
 from palpate.experiment.dataset.imports.layout import ABSENT, RIGHT, WRONG, Layout
 from palpate.experiment.dataset.imports.refusals import MOST_LISTED, Place, all_of, listed, refused
 from palpate.experiment.dataset.imports.runs import Runs
+from palpate.experiment.dataset.imports.times import Times, bare
 from palpate.experiment.dataset.imports.trial_table import trial_table
 from palpate.experiment.errors import DatasetError, Finding, Remedy
 from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, TIE
@@ -107,21 +108,24 @@ class _Reader:
         self._understood: dict[int, Understood] = {}
         self._left_out: Counter[tuple[str, str]] = Counter()
         self._missing_times = 0
+        self._mixed: list[Path] = []
+        self._no_times: list[DatasetError] = []
         self._errors: list[DatasetError] = []
 
     def read(self, number: int, path: Path) -> None:
         """Read a file; keep what is wrong with it."""
         try:
-            table = trial_table(path, self._layout, self._stated)
+            table, times = trial_table(path, self._layout, self._stated)
             label = self._layout.label_in(path) if self._layout.participant is None else ""
         except DatasetError as error:
             self._errors.append(error)
             return
         self._understood[number] = table.understood
+        self._mixed += [path] * times.mixed
         self._columns.update(table.header)
         places = {name: table.header.index(name) for name in self._layout.columns() if name in table.header}
         for record in table.rows:
-            cells = _Cells(path, record.line, places, record.cells, table)
+            cells = _Cells(path, record.line, places, record.cells, table, times)
             try:
                 row = self._row(number, label, cells)
             except _PassedOver as row_is:
@@ -144,7 +148,7 @@ class _Reader:
             self._errors += self._strange_answers(known, shown, guessed=bool(strange))
         self._errors += [*self._spellings(known, shown), *self._twice(), *self._never_there()]
         if self._errors:
-            raise all_of(self._errors, self._stated)
+            raise all_of(self._without_times() or self._errors, self._stated)
         if not self._rows:
             raise DatasetError(
                 ", ".join(map(str, self._paths[:MOST_LISTED])),
@@ -157,6 +161,24 @@ class _Reader:
             tuple(rows), known, tuple(self._passed_over), tuple(self._understood.values()), dict(self._left_out),
             self._missing_times, self._doubts(),
         )  # fmt: skip
+
+    def _without_times(self) -> list[DatasetError]:
+        """Return the errors with one in place of all cells that are no times, where leaving them out leaves too few."""
+        many = len(self._no_times)
+        if many <= len(self._rows):
+            return []
+        first, column, words = self._no_times[0].finding, self._layout.time or "", self._stated.command
+        options = ("--seconds", "--milliseconds")
+        at = next((place for place, word in enumerate(words[:-1]) if word in options and words[place + 1] == column), 0)
+        without = (*words[:at], *words[at + 2 :])
+        advice = "name the column of response times, or leave them aside"
+        one = replace(
+            first,
+            what=f"{first.what}, and no time in {many} of {many + len(self._rows)} rows",
+            remedy=Remedy(f"{advice}: {{}}", without) if at else advice,
+        )
+        others = [error for error in self._errors if all(error is not each for each in self._no_times)]
+        return [DatasetError.at(one), *others]
 
     def _row(self, file: int, label: str, cells: "_Cells") -> Row | None:
         """Return a row as a trial, or None where it is left out. Raises `_PassedOver` for a row that is none."""
@@ -215,13 +237,14 @@ class _Reader:
         """Return the answer; of `correct`, a mark that is resolved once all materials are known."""
         layout = self._layout
         if layout.correct is not None:
-            said = cells.cell(layout.correct)
+            said = bare(cells.cell(layout.correct))
             right = {**RIGHT, **WRONG}.get(layout.answers.get(said, said).lower())
             if right is None and said not in ABSENT:
                 remedy = self._remedy("say what it is", "--map", f"{said}=MARK")
                 raise cells.refused(layout.correct, "1 and 0, true and false, or correct and incorrect", remedy)
             return NO_ANSWER if right is None else presented if right else _WRONG
         said = cells.cell(layout.answered or "")
+        said = said if said in layout.answers else bare(said)
         self._said[said] += 1
         answer = layout.answers.get(said, NO_ANSWER if said in ABSENT and said not in self._materials else said)
         if second is None or answer == NO_ANSWER:
@@ -240,9 +263,9 @@ class _Reader:
 
     def _time_s(self, cells: "_Cells") -> float | None:
         column = self._layout.time
-        if column is None or (cell := cells.cell(column)) in ABSENT:
+        if column is None or bare(cell := cells.cell(column)) in ABSENT:
             return None
-        value = cells.table.number(cell)
+        value = cells.times.value(cell)
         if self._layout.is_missing(value):
             self._missing_times += 1
             return None
@@ -251,7 +274,9 @@ class _Reader:
             remedy = self._remedy("say that such times are missing", "--missing-time", rule)
             if math.isnan(value):
                 remedy = self._remedy("leave such rows out", "--leave-out", f"{column}={cell}")
-            raise cells.refused(column, "a number from 0, or nothing", remedy)
+            error = cells.refused(column, "a number from 0, or nothing", remedy)
+            self._no_times += [error] if math.isnan(value) else []
+            raise error
         return value if self._layout.time_s else value / 1000
 
     def _strange_materials(self, shown: Counter[str]) -> dict[str, list[DatasetError]]:
@@ -403,7 +428,15 @@ class _Reader:
         for row in self._rows:
             if row.response_time_s is not None:
                 times.setdefault(row.participant, []).append(row.response_time_s)
-        return (*self._practice.doubts(self._stated), *time_doubts(times, self._layout, self._stated))
+        mixed = tuple(
+            Finding(
+                "some times have a decimal point and others a decimal comma; both are read as decimals", where=path,
+                field=f"column {self._layout.time}", remedy="check that none of them parts thousands",
+                verdict="warns", check="decimal signs",
+            )
+            for path in self._mixed
+        )  # fmt: skip
+        return (*self._practice.doubts(self._stated), *time_doubts(times, self._layout, self._stated), *mixed)
 
     def _remedy(self, words: str, *options: str) -> Remedy | str:
         return self._stated.remedy(words, *options)
@@ -443,6 +476,7 @@ class _Cells:
     places: Mapping[str, int]
     cells: Sequence[str]
     table: Table
+    times: Times
 
     @property
     def width(self) -> int:

@@ -1,28 +1,35 @@
 """A file of trials as a table that has every column its layout names, and times in the unit that its heading says."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
-from palpate.experiment.dataset.imports.json_rows import is_json, json_table
+from palpate.experiment.dataset.imports.json_rows import UnderstoodJson, is_json, json_table
 from palpate.experiment.dataset.imports.layout import Layout
 from palpate.experiment.dataset.imports.refusals import listed
+from palpate.experiment.dataset.imports.times import Times, times_of
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.settings.delimited import Stated, Table, read_table
 from palpate.experiment.settings.units import heading, time_unit
 
 
-def trial_table(path: Path, layout: Layout, stated: Stated) -> Table:
-    """Return the table in a CSV or JSON file. Raises `DatasetError` where it has none that fits the layout."""
-    times = [layout.time] if layout.time is not None else []
+def trial_table(path: Path, layout: Layout, stated: Stated) -> tuple[Table, Times]:
+    """Return the table in a CSV or JSON file, and how its times are read.
+
+    Raises `DatasetError` where it has none that fits the layout.
+    """
     try:
-        table = json_table(path, stated) if is_json(path) else read_table(path, layout.needed(), times, stated)
+        table = json_table(path, stated) if is_json(path) else read_table(path, layout.needed(), (), stated)
     except PalpateError as error:
         raise DatasetError.saying(error) from error
     if not table.header:
         raise DatasetError(path, "got an empty file", "name another file", allowed="a header, and a row for each trial")
     _check_header(path, layout, table)
     _check_unit(path, layout)
-    return table
+    times = times_of(path, table, layout.time, "s" if layout.time_s else "ms", stated)
+    if not isinstance(table.understood, UnderstoodJson):
+        table = replace(table, understood=replace(table.understood, decimal="" if times.mixed else times.decimal_seen))
+    return table, times
 
 
 def _check_header(path: Path, layout: Layout, table: Table) -> None:

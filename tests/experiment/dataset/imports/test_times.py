@@ -1,0 +1,54 @@
+"""Cells of trials that hold more than a number or a name: lists, units, and both decimal signs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from palpate.experiment.dataset.imports.layout import Layout
+from palpate.experiment.dataset.imports.trial_files import read_trials
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.settings.delimited import Stated
+
+IN_S = Layout("shown", "said", "who", time_s="rt")
+IN_MS = Layout("shown", "said", "who", time_ms="rt")
+
+
+def _file(tmp_path: Path, rows: list[str], delimiter: str = ";") -> Path:
+    path = tmp_path / "trials.csv"
+    lines = ["who;shown;said;rt", *(f"1;{'felt' if k % 2 else 'cork'};{row}" for k, row in enumerate(rows))]
+    path.write_text("\n".join(lines).replace(";", delimiter) + "\n", "utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("layout", "rows"),
+    [
+        (IN_S, ["['cork'];[0.617]", '["felt"];[1.5]']),
+        (IN_S, ["cork;0,617", "felt;1.5"]),
+        (IN_S, ["cork;0,617 s", "felt;1,5 sec"]),
+        (IN_MS, ["cork;617 ms", "felt;1500ms"]),
+        (IN_MS, ["cork;617,0", "felt;1500 ms"]),
+    ],
+)
+def test_a_list_of_one_a_unit_and_either_decimal_sign_are_read(tmp_path: Path, layout: Layout, rows: list[str]) -> None:
+    made = read_trials([_file(tmp_path, rows)], layout)
+    assert [(one.presented, one.answered) for one in made.rows[:2]] == [("cork", "cork"), ("felt", "felt")]
+    assert [round(one.response_time_s or 0.0, 9) for one in made.rows[:2]] == [0.617, 1.5]
+    assert [doubt.check for doubt in made.doubts] == (["decimal signs"] if rows == ["cork;0,617", "felt;1.5"] else [])
+
+
+def test_times_in_another_unit_than_their_cells_say_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="--milliseconds"):
+        read_trials([_file(tmp_path, ["cork;617 ms", "felt;900 ms"])], IN_S)
+
+
+def test_where_no_cell_is_a_time_the_remedy_leaves_the_column_aside_and_no_trial(tmp_path: Path) -> None:
+    path = _file(tmp_path, ["cork;fast", "felt;slow"])
+    with pytest.raises(DatasetError) as refused:
+        read_trials(
+            [path], IN_S, stated=Stated(command=("palpate", "import-trials", "--seconds", "rt", "--study", "x"))
+        )
+    assert str(refused.value).endswith("palpate import-trials --study x")
+    assert len(read_trials([path], Layout("shown", "said", "who")).rows) == 2
