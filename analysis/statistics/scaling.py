@@ -68,6 +68,45 @@ class Scale:
         return float(self.values[one] - self.values[other]), float(np.sqrt(contrast @ self.covariance @ contrast))
 
 
+@dataclass(frozen=True)
+class Terms:
+    """A scale of Bradley and Terry by terms of the items: `values`, shape (terms + 1,), the last what being first adds.
+
+    `covariance` is as in `Scale`.
+    """
+
+    values: Floats
+    covariance: Floats
+    log_likelihood: float
+    reduced: bool
+
+    def combined(self, weights: Floats) -> tuple[float, float]:
+        """Return a sum of values with these weights, shape (terms + 1,), and its standard error."""
+        return float(weights @ self.values), float(np.sqrt(weights @ self.covariance @ weights))
+
+
+def fit_terms(data: Comparisons, terms: Floats) -> Terms:
+    """Return the scale on which an item lies at the sum of its `terms`, shape (items, terms), times their values.
+
+    Raises `NotDefined` where some comparisons ended in a tie, or the terms cannot be separated.
+    """
+    if bool((data.chosen == TIE).any()):
+        raise NotDefined("some comparisons ended in a tie, which this law has not")
+    design = np.column_stack([terms[data.first] - terms[data.second], np.ones(len(data.first))])
+    if np.linalg.matrix_rank(design) < design.shape[1]:
+        raise NotDefined("what was compared cannot separate the factors from each other and from being first")
+    reduced = _separated(data, design)
+    beta, fitted, scores, information = _binomial(design, data.chosen, probit=False, reduced=reduced)
+    likelihood = float(np.log(fitted[np.arange(len(fitted)), data.chosen]).sum())
+    return Terms(beta, _spread(_meat(scores, data.person), information, reduced=reduced), likelihood, reduced)
+
+
+def _spread(meat: Floats, information: Floats, *, reduced: bool) -> Floats:
+    """Return the covariance of coefficients from the sums of scores and the information."""
+    inverse = np.linalg.inv(information)
+    return no_smaller(meat, information) if reduced and np.isfinite(meat).all() else inverse @ meat @ inverse
+
+
 class NeverCompared(NotDefined):
     """Items of one `part`, by their places, were never compared with any of the others."""
 
@@ -95,9 +134,7 @@ def fit(data: Comparisons, law: Law) -> Scale:
     # The values of all items, which add up to zero, and the rest are `back` times the fitted coefficients.
     last = data.items - 1
     back = np.insert(np.eye(len(beta)), last, np.where(np.arange(len(beta)) < last, -1.0, 0.0), axis=0)
-    inverse = np.linalg.inv(information)
-    meat = _meat(scores, data.person)
-    spread = no_smaller(meat, information) if reduced and np.isfinite(meat).all() else inverse @ meat @ inverse
+    spread = _spread(_meat(scores, data.person), information, reduced=reduced)
     deviance, cells = _deviance(data, observed, fitted)
     return Scale(
         law=law,

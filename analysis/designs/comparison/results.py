@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, stdtrit
+from scipy.special import chdtrc
 
+from palpate.analysis.designs.comparison.estimates import Estimate, estimate
+from palpate.analysis.designs.comparison.factors import Factored, factored
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics.exact import NotDefined
-from palpate.analysis.statistics.inference import CONFIDENCE, ConfidenceInterval, clopper_pearson
+from palpate.analysis.statistics.inference import ConfidenceInterval, clopper_pearson
 from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, NeverCompared, Scale, fit
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.designs import comparison as asked
@@ -79,16 +81,6 @@ class Person:
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A value on a scale with its standard error and interval, from participants as the units; None of one alone."""
-
-    value: float
-    se: float | None
-    low: float | None
-    high: float | None
-
-
-@dataclass(frozen=True)
 class Scaled:
     """A scale of one law, or why there is none: values, `steps` to the next, `order`, and P of the deviance.
 
@@ -138,6 +130,7 @@ class TaskComparisons:
     first_of_same: Share
     people: tuple[Person, ...]
     scales: tuple[Scaled, ...]
+    factors: Factored | None
     in_print: InPrint | None
 
     def pair(self, one: int, other: int) -> Pair:
@@ -236,8 +229,16 @@ def _task(study: Study, task: Task, printed: Published | None) -> TaskComparison
             for n, who in enumerate(people)
         ),
         scales=tuple(scaled(data, law) for law in laws),
+        factors=factored(data, study.materials, _numbers(study, task)),
         in_print=_in_print(pairs, task.id, printed, study.materials),
     )
+
+
+def _numbers(study: Study, task: Task) -> Mapping[str, Mapping[str, float]]:
+    """Return the numbers of each material's stimulus, the same in every protocol of a study; nothing of others."""
+    protocols = [part.protocol for part in study.parts if part.protocol is not None and task.id in part.tasks]
+    stated = [one.kind_table(one.task(task.id)).numbers for one in protocols]
+    return stated[0] if stated and all(one == stated[0] for one in stated) else {}
 
 
 def _codes(column: Iterable[str], code: Mapping[str, int]) -> NDArray[np.int64]:
@@ -278,19 +279,11 @@ def scaled(data: Comparisons, law: Law) -> Scaled:
         law=law,
         scale=scale,
         statement="",
-        values=tuple(_estimate(*pair, people) for pair in zip(scale.values.tolist(), errors.tolist(), strict=False)),  # noqa: PD011
-        steps=tuple(_estimate(*step, people) for step in steps),
-        order=_estimate(scale.order, float(errors[data.items]), people),
+        values=tuple(estimate(*pair, people) for pair in zip(scale.values.tolist(), errors.tolist(), strict=False)),  # noqa: PD011
+        steps=tuple(estimate(*step, people) for step in steps),
+        order=estimate(scale.order, float(errors[data.items]), people),
         p=float(chdtrc(scale.df, scale.deviance)) if scale.df > 0 and not scale.reduced else None,
     )
-
-
-def _estimate(value: float, se: float, people: int) -> Estimate:
-    """Return the interval by Student's t with one degree of freedom less than there are participants."""
-    if people < 2 or not np.isfinite(se):
-        return Estimate(value, None, None, None)
-    half = float(stdtrit(people - 1, (1 + CONFIDENCE) / 2)) * se
-    return Estimate(value, se, value - half, value + half)
 
 
 def _in_print(

@@ -14,7 +14,10 @@ WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
 NAMED = {FIRST: "the material presented first", SECOND: "the one presented second", TIE: "neither of the two"}
 """The same, as the sidecar of a dataset tells it."""
 
-TESTS = dict.fromkeys(("Bradley-Terry", "Thurstone", "Davidson"), PlannableTest())
+TESTS = {
+    **dict.fromkeys(("Bradley-Terry", "Thurstone", "Davidson"), PlannableTest()),
+    "factors": PlannableTest(since=7),
+}
 """The planned tests."""
 
 
@@ -43,8 +46,8 @@ class Comparison(Confined):
 def _rules(table: Table) -> Iterator[Broken]:
     """The design `comparison` needs `[comparison]`.
 
-    No material has `key` or `spoken`, `answers.microphone` is false, and the planned tests are `Bradley-Terry` and
-    `Thurstone`, or, where there is a `tie_key`, `Davidson`.
+    No material has `key` or `spoken`, `answers.microphone` is false, and the planned tests are `Bradley-Terry`,
+    `Thurstone` and `factors`, or, where there is a `tie_key`, `Davidson`.
     """
     if table.get("comparison") is None:
         yield Broken(("comparison",), "a table: tasks of the design 'comparison' need it")
@@ -57,7 +60,7 @@ def _rules(table: Table) -> Iterator[Broken]:
     tied = table_at(table, "comparison").get("tie_key") is not None
     for i, test in tables_at(table, "analysis"):
         if test.get("test") in TESTS and (test["test"] == "Davidson") != tied:
-            allowed = "Davidson: comparison.tie_key allows ties" if tied else "Bradley-Terry or Thurstone, without ties"
+            allowed = "Davidson: comparison.tie_key allows ties" if tied else "another test, without ties"
             yield Broken(("analysis", i, "test"), allowed)
 
 

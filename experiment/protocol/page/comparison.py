@@ -15,6 +15,10 @@ def _question_words(protocol: Protocol) -> str:
 WORDS = DesignWords(
     answers=lambda protocol: list(protocol.table(Comparison).answers.items()),
     noun="pair",
+    tests={
+        "factors": "what a doubling of each number that varies over the stimuli adds on a scale of Bradley and Terry, "
+        "with 95 % intervals over participants",
+    },
     track="each two materials",
     pairs=lambda _: (
         "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at random, "

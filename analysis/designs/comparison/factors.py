@@ -1,0 +1,106 @@
+"""What of a stimulus carries the quality that was compared: a scale of Bradley and Terry with the factors of stimuli.
+
+Where the protocol states the same numbers of every stimulus, and at least two of them vary, a choice follows from them:
+P(first) = F(sum over factors of (effect of the first's level - effect of the second's) + order), F the logistic. The
+main effects have one effect a level, the lowest 0; the slopes one effect a doubling. Participants are the units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from palpate.analysis.designs.comparison.estimates import Estimate, estimate
+from palpate.analysis.statistics import scaling
+from palpate.analysis.statistics.exact import Floats, NotDefined
+from palpate.analysis.statistics.scaling import Comparisons
+
+Numbers = Mapping[str, Mapping[str, float]]
+"""The numbers of each material's stimulus, by their keys."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A number that varies: its levels, rising, what each adds to the lowest, and what a doubling adds.
+
+    `across` is what the slope adds from the lowest level to the highest.
+    """
+
+    name: str
+    levels: tuple[float, ...]
+    effects: tuple[Estimate, ...]
+    doubling: Estimate
+    across: Estimate
+
+
+@dataclass(frozen=True)
+class Factored:
+    """The factors of a task, or why there is none: `apart` is what a doubling of the first adds beyond the second's.
+
+    `p` is that of the main effects' deviance beyond the scale of all materials, as if answers were independent: small
+    where factors do not simply add up.
+    """
+
+    factors: tuple[Factor, ...]
+    apart: Estimate | None
+    p: float | None
+    reduced: bool
+    statement: str = ""
+
+
+def factored(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> Factored | None:
+    """Return what each factor of the stimuli adds; None where fewer than two numbers of every stimulus vary."""
+    keys = [set(numbers.get(one, {})) for one in materials]
+    shared = set.intersection(*keys) if keys else set()
+    values = {key: np.array([numbers[one][key] for one in materials]) for key in sorted(shared)}
+    varied = {key: of for key, of in values.items() if len(set(of.tolist())) > 1 and (of > 0).all()}
+    if len(varied) < 2 or any(one != shared for one in keys):
+        return None
+    try:
+        return _fitted(data, varied)
+    except NotDefined as error:
+        return Factored((), None, None, reduced=False, statement=str(error))
+
+
+def _fitted(data: Comparisons, varied: Mapping[str, Floats]) -> Factored:
+    slopes = np.column_stack([np.log2(of) for of in varied.values()])
+    levels = {key: np.unique(of) for key, of in varied.items()}
+    dummies = np.column_stack([(of[:, None] == levels[key][1:]).astype(float) for key, of in varied.items()])
+    by_slope, by_level = (scaling.fit_terms(data, terms) for terms in (slopes, dummies))
+    people, start, factors = len(np.unique(data.person)), 0, []
+    for place, (key, of) in enumerate(levels.items()):
+        effects = [by_level.combined(_one(len(by_level.values), start + i)) for i in range(len(of) - 1)]
+        along = _one(len(by_slope.values), place)
+        start += len(of) - 1
+        factors.append(
+            Factor(
+                key,
+                tuple(of.tolist()),
+                (Estimate(0.0, None, None, None), *(estimate(*one, people) for one in effects)),
+                estimate(*by_slope.combined(along), people),
+                estimate(*by_slope.combined(along * np.log2(of[-1] / of[0])), people),
+            )
+        )
+    first_two = _one(len(by_slope.values), 0) - _one(len(by_slope.values), 1)
+    return Factored(
+        tuple(factors), estimate(*by_slope.combined(first_two), people), _p(data, by_level), by_level.reduced
+    )
+
+
+def _one(size: int, place: int) -> Floats:
+    return np.asarray(np.arange(size) == place, dtype=np.float64)
+
+
+def _p(data: Comparisons, main: scaling.Terms) -> float | None:
+    """Return the P of what the scale of all materials explains beyond main effects; None where either is reduced."""
+    try:
+        whole = scaling.fit(data, "bradley-terry")
+    except NotDefined:
+        return None
+    df = len(whole.values) - len(main.values)
+    if whole.reduced or main.reduced or df < 1:
+        return None
+    return float(chdtrc(df, max(2 * (whole.log_likelihood - main.log_likelihood), 0.0)))
