@@ -15,6 +15,7 @@ from palpate.analysis.identification.maps import Choice, Mantel, Scaling
 from palpate.analysis.statistics import inference, lapses
 from palpate.analysis.statistics.exact import NotDefined, Statements, defined
 from palpate.analysis.statistics.participants import Jackknife, Misfit, jackknife, misfit
+from palpate.analysis.statistics.psychophysics import information as transmission
 from palpate.analysis.statistics.shares import Limits, modelled, population_limits, share_limits
 
 CHOICE_RESAMPLES = 999
@@ -83,7 +84,7 @@ class Identification:
 
     task: str
     cells: tuple[Cell, ...]
-    information: confusions.Information | None
+    information: transmission.Information | None
     jackknife: Jackknife | None
     detection: Detection | None
     choice: ChoiceIntervals | None
@@ -99,7 +100,7 @@ def identify(
     """Return everything for one task; `dissimilarities` of its materials, shape (M, M), may be missing."""
     said = Statements()
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
-    bits = said.compute("information", lambda: confusions.information(counts.sum(axis=0)))
+    bits = said.compute("information", lambda: transmission.information(counts.sum(axis=0)))
     # In this order, for some of them draw.
     return Identification(
         task=task,
@@ -176,9 +177,9 @@ def _cells(matrix: confusions.Confusion) -> list[Cell]:
     return cells
 
 
-def _information(matrix: confusions.Confusion, counts: NDArray[np.int64], found: confusions.Information) -> Jackknife:
+def _information(matrix: confusions.Confusion, counts: NDArray[np.int64], found: transmission.Information) -> Jackknife:
     right = np.trace(matrix.counts[:, :, :-1], axis1=1, axis2=2)
-    return confusions.information_limits(counts, found, modelled(right, matrix.trials.sum(axis=1)))
+    return transmission.information_limits(counts, found, modelled(right, matrix.trials.sum(axis=1)))
 
 
 def _detection(matrix: confusions.Confusion) -> Detection:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,8 +19,9 @@ from palpate.analysis.identification.companion_tests import LINKED, MARGIN, slop
 from palpate.analysis.identification.confusion import Confusion, shared
 from palpate.analysis.reading.study import Study
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Statements, mean_gaps
+from palpate.analysis.statistics.groups import Apart, compared
 from palpate.analysis.statistics.inference import holm
-from palpate.analysis.statistics.participants import equivalence, order_effect, repeated
+from palpate.analysis.statistics.participants import Order, equivalence, order_effect, repeated
 from palpate.analysis.statistics.shares import Limits, difference_limits, first_limits
 from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 
@@ -156,7 +157,9 @@ def _paired(tasks: tuple[str, ...], subject: str, right: Integers, trials: Integ
     return _flipped(tasks, subject, sign_flip(gaps, 0, rng), float(sum(gaps, Fraction(0)) / len(gaps)), limits)
 
 
-def _flipped(tasks: tuple[str, ...], subject: str, flip: SignFlip, value: float, interval: Limits | None) -> Line:
+def _flipped(
+    tasks: tuple[str, ...], subject: str, flip: SignFlip | Apart | Order, value: float, interval: Limits | None
+) -> Line:
     return Line(tasks, subject, flip.n, flip.p, value, interval, least=flip.least, error=flip.error)
 
 
@@ -208,10 +211,20 @@ def _order(plan: PlannedTest, study: Study, tasks: Tasks, rng: np.random.Generat
         gaps = list(zip(people, mean_gaps(*counts), strict=True))
         one, other = ([gap for who, gap in gaps if study.first_tasks.get(who) == name] for name in of)
         effect = order_effect(one, other, rng)
-        limits = Limits(effect.low, effect.high)
-        return [Line(of, "", effect.n, effect.p, effect.value, limits, least=effect.least, error=effect.error)]
+        return [_flipped(of, "", effect, effect.value, Limits(effect.low, effect.high))]
 
     yield from ((" and ".join(of), partial(line, of)) for of in combinations(tasks, 2))
+
+
+def _groups(plan: PlannedTest, study: Study, tasks: Tasks, rng: np.random.Generator) -> Found:
+    def line(task: str, pair: tuple[str, str]) -> list[Line]:
+        people, right, trials = _counts(plan, tasks[task])
+        told = [study.facts.get((who, plan.groups or "")) for who in people]
+        one = compared(right[0], trials[0], [[group == own for own in told] for group in pair], rng)
+        return [_flipped((task,), " less ".join(pair), one, one.value, one.interval)]
+
+    for task, pair in product(tasks, combinations(study.groups(plan), 2)):
+        yield f"{task}, {' and '.join(pair)}", partial(line, task, pair)
 
 
 TESTS: Mapping[str, Callable[[PlannedTest, Study, Tasks, np.random.Generator], Found]] = {
@@ -222,5 +235,6 @@ TESTS: Mapping[str, Callable[[PlannedTest, Study, Tasks, np.random.Generator], F
     "logit with participants": _logit,
     EQUIVALENCE: _equivalent,
     "order of tasks": _order,
+    "difference of groups": _groups,
 }
 """What computes each test, by its name in a protocol."""

@@ -20,6 +20,7 @@ from palpate.analysis.identification.planned import EQUIVALENCE
 from palpate.analysis.identification.results import EVERY
 from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests, variance_component_icc
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Ratios, of_counts
+from palpate.analysis.statistics.groups import difference_tests
 from palpate.analysis.statistics.icc import NAMES, icc_tests
 from palpate.analysis.statistics.inference import holm, t_tests
 from palpate.analysis.statistics.participants import equivalence_tests, order_tests, repeated_tests
@@ -27,14 +28,15 @@ from palpate.analysis.statistics.sign_flips import sign_flip_tests
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 
 APART = 0.1
-"""What being done first adds to the share of right answers where the order of tasks is planned, not in a null: ours."""
+"""What being done first, or being in the first of two groups, adds to the share of right answers where such a test is
+planned, not in a null: ours."""
 
 FITTED = 40
 """So many of a chunk's studies have the logit, of which each takes some 40 ms."""
 
 ABOUT = blocks(Path(__file__).with_name("about.md"))
 
-ORDER, LOGIT = "order of tasks", "logit with participants"
+ORDER, LOGIT, GROUPS = "order of tasks", "logit with participants", "difference of groups"
 ADJUSTED = "Holm"
 FLIPS = ", sign flips (companion)"
 REPEATED = "repeated measures (companion)"
@@ -159,6 +161,7 @@ def otherwise(planned: Design) -> tuple[str, ...]:
     unlike: Mapping[str, Callable[[PlannedTest], bool]] = {
         "another scale": lambda test: test.test in ("Thurstone", "Davidson"),
         ORDER: lambda test: test.test == ORDER,
+        GROUPS: lambda test: test.test == GROUPS,
         LOGIT: lambda test: test.test == LOGIT,
         "another form": lambda test: test.test == "ICC" and _form(test) is None,
     }
@@ -174,7 +177,7 @@ def otherwise(planned: Design) -> tuple[str, ...]:
 def answer(planned: Design, drawn: Mapping[str, Integers], first: float = 0.0) -> dict[Question, Answer]:
     """Return every planned test of every study; `drawn` holds each task's counts from `choice_models.draw`.
 
-    Being done `first` adds so much to the share of right answers, where the order of tasks is planned.
+    Being done, or in a group that comes, `first` adds so much to the share of right answers.
     """
     trials = {task.id: task.repetitions for task in planned.tasks}
     every = {task: of_counts(counts, trials[task]) for task, counts in drawn.items()}
@@ -191,6 +194,8 @@ def answer(planned: Design, drawn: Mapping[str, Integers], first: float = 0.0) -
             found |= _icc(number, test, planned, every, drawn)
         elif test.test == ORDER:
             found |= dict(_order(number, test, planned, drawn, first))
+        elif test.test == GROUPS:
+            found |= dict(_groups(number, test, planned, drawn, first))
         elif test.test in OVER_PEOPLE:
             found |= dict(OVER_PEOPLE[test.test](number, test, planned, drawn))
     return found
@@ -204,7 +209,7 @@ def fewest(question: Question, planned: Design, most: int) -> int:
         """Return whether it can: sign flips have a least P of 2 / 2^n, orders one in all, or two, a logit a least n."""
         if question.flips:
             return 2.0 ** (1 - people) < alpha
-        if question.test == ORDER:
+        if question.test in (ORDER, GROUPS):
             first = (people + 1) // 2
             return people - first > 1 and (1 + (people % 2 == 0)) / math.comb(people, first) < alpha
         return people >= (LEAST if question.test == LOGIT else 2)
@@ -415,6 +420,19 @@ def _order(
         gaps, most = _task_gaps(test, planned, drawn, pair)
         one, other = (gaps[:, begins.index(task) :: len(begins)] / most for task in pair)
         found.append((pair, " and ".join(pair), order_tests(one + first, other - first), None))
+    yield from _in_families(number, test, found)
+
+
+def _groups(
+    number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers], first: float
+) -> Iterator[tuple[Question, Answer]]:
+    """Yield the difference of two groups, of which participants are in turn."""
+    found = []
+    for task in test.tasks:
+        places = planned.chosen(test, task)
+        shares = drawn[task][places, places].mean(axis=0) / planned.trials(task)
+        p = difference_tests(shares[:, ::2] + first, shares[:, 1::2])
+        found.append(((task,), f"two groups by {test.groups}", p, None))
     yield from _in_families(number, test, found)
 
 

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from importlib import import_module
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -222,13 +223,13 @@ class Part:
 class Study:
     """A dataset as read, or several as one.
 
-    `origin` is one of `dataset.ORIGINS`; `label` heads everything made from the study, and is empty for a study's own
-    data. `first_tasks` gives participant -> task, `session_ids` participant and task -> id, where known, `forces` the
-    tables of what a servo sent. `attempts` has a row for each attempt: participant, task, trial, attempt, counted,
-    presented, answered, response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s,
-    redo_reason, included, and the columns of `dataset.FURTHER`, sent_thirds and heard_thirds (dB, or None), heard_of
-    (whose), and those that say what a design presented. `designs` are by task, and of one name. `ordered`: trials are
-    numbered as they
+    `origin` is one of `dataset.ORIGINS`; `label` heads everything made from the study, and is empty for a study's
+    own data. `first_tasks` gives participant -> task, `session_ids` participant and task -> id, where known,
+    `forces` the tables of what a servo sent, `facts` participant and column -> the cell of participants.tsv.
+    `attempts` has a row for each attempt: participant, task, trial, attempt, counted, presented, answered,
+    response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason, included,
+    and the columns of `dataset.FURTHER`, sent_thirds and heard_thirds (dB, or None), heard_of (whose), and those
+    that say what a design presented. `designs` are by task, and of one name. `ordered`: trials are numbered as they
     were done.
     """
 
@@ -248,6 +249,7 @@ class Study:
     designs: Mapping[str, TaskDesign]
     ordered: bool = True
     forces: Mapping[tuple[str, str], tuple[Path, ...]] = field(default_factory=dict)
+    facts: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         counted, tasks = int(self.attempts["included"].sum()), ", ".join(task.id for task in self.tasks)
@@ -280,6 +282,12 @@ class Study:
         """Yield the planned tests of every part."""
         for part in self.parts:
             yield from part.protocol.analysis if part.protocol else ()
+
+    def groups(self, plan: PlannedTest) -> tuple[str, ...]:
+        """Return the groups that a planned test compares: what may be chosen of a fact about people, in their order."""
+        asked: Any = import_module("palpate.experiment.protocol.asked")
+        protocols = (part.protocol for part in self.parts if part.protocol)
+        return tuple(dict.fromkeys(one for each in protocols for one in asked.values(each, plan.groups)))
 
 
 def chance(study: Study, task: str) -> Fraction:

@@ -157,6 +157,7 @@ WORDS = {
     "order of tasks": Words(
         "being first is shown to matter", "being first is not shown to matter", "Exact test of who began with which",
     ),
+    "difference of groups": Words(*DIFFERS, "Permutation test of Welch's t over who is in which group"),
 }  # fmt: skip
 """By the name of the test."""
 

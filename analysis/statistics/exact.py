@@ -68,13 +68,18 @@ def quotient(above: Any, below: Any) -> Values:
     return np.asarray(above / below)
 
 
-def mean_gaps(right: Integers, trials: Integers) -> list[Fraction]:
-    """Return how much more often each participant is right in the first task than in the second, over its materials.
+def mean_shares(right: Integers, trials: Integers) -> Any:
+    """Return the mean share of right answers of each participant over materials, fractions of shape (tasks, people).
 
-    Both have shape (2, materials, participants), and every trial counts.
+    Both have shape (tasks, materials, people), and every trial counts.
     """
     shares = _fractions(right.astype(object), trials.astype(object))
-    first, second = shares.sum(axis=1) / shares.shape[1]
+    return shares.sum(axis=1) / shares.shape[1]
+
+
+def mean_gaps(right: Integers, trials: Integers) -> list[Fraction]:
+    """Return how much more often each participant is right in the first task than in the second: `mean_shares`."""
+    first, second = mean_shares(right, trials)
     return list(first - second)
 
 

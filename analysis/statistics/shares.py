@@ -253,9 +253,17 @@ def difference_limits(right: Integers, trials: Integers, gaps: Floats) -> Limits
         linked = max(
             0.0, math.tanh(math.atanh(min(max(observed, -LINKED), LINKED)) - 1 / math.sqrt(max(people - 3, 0.5)))
         )
-    (low, high), (other_low, other_high) = (modelled(*counts) for counts in zip(right, trials, strict=True))
-    down, up = float(means[0]) - low, high - float(means[0])
-    other_down, other_up = float(means[1]) - other_low, other_high - float(means[1])
+    (one, other) = (modelled(*counts) for counts in zip(right, trials, strict=True))
+    return squared_limits(gap, (float(means[0]), float(means[1])), (one, other), linked)
+
+
+def squared_limits(
+    gap: float, means: tuple[float, float], both: tuple[tuple[float, float], tuple[float, float]], linked: float
+) -> Limits:
+    """Return the interval of a difference from the means and the limits of both shares, which correlate as `linked`."""
+    (low, high), (other_low, other_high) = both
+    down, up = means[0] - low, high - means[0]
+    other_down, other_up = means[1] - other_low, other_high - means[1]
     below = math.sqrt(down**2 + other_up**2 - 2 * linked * down * other_up)
     above = math.sqrt(up**2 + other_down**2 - 2 * linked * up * other_down)
     return Limits(gap - below, gap + above)

@@ -410,6 +410,7 @@ class PlannedTest(Confined):
             equivalent pairs.
         materials: those tested; else all presented, but for a one-way ANOVA the most confused pair, exploratory. Not in
             format 2.
+        groups: the fact of `[[asked.people]]` whose values are the groups.
     """
 
     RULES: ClassVar[Rules] = rules.planned_test
@@ -423,6 +424,7 @@ class PlannedTest(Confined):
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
     correction: Literal["materials", "materials and tasks", "tasks"] | None = None
     materials: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(None, json_schema_extra={"since": 3})
+    groups: Name | None = Field(None, json_schema_extra={"since": 7})
 
     def exact_chance(self, materials: int) -> Fraction:
         """Return `chance`, or else that of a guess among so many materials; of a guess also where not all of its digits

@@ -144,7 +144,7 @@ def planned_test(table: Table) -> Iterator[Broken]:
         if named and len(named) not in sizes:
             least = "" if len(sizes) == 1 else "at least "
             yield Broken((key,), f"{least}{sizes.start} {key}: '{name}' compares them")
-    for key in () if name not in every else ("chance", "form", "margin", "correction", "materials"):
+    for key in () if name not in every else ("chance", "form", "margin", "correction", "materials", "groups"):
         owners = [f"'{one}'" for one, other in every.items() if key in (*other.needs, *other.takes)]
         if key in test.needs and table.get(key) is None:
             yield Broken((key,), f"a value: '{name}' needs it")

@@ -25,7 +25,7 @@ from scipy.special import expit
 
 from palpate.analysis.identification import maps, trial_models
 from palpate.analysis.identification.companion_tests import marginal
-from palpate.analysis.identification.confusion import Confusion, information, information_limits, most_confused
+from palpate.analysis.identification.confusion import Confusion, most_confused
 from palpate.analysis.identification.trial_models import Design
 from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics import lapses
@@ -33,6 +33,7 @@ from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials,
 from palpate.analysis.statistics.exact import NotDefined, of_counts
 from palpate.analysis.statistics.inference import clopper_pearson, t_tests, wilson
 from palpate.analysis.statistics.participants import jackknife, repeated_tests
+from palpate.analysis.statistics.psychophysics.information import information, information_limits
 
 SIZES = (6, 10, 15, 25)
 MATERIALS, TRIALS, ALPHA = ("a", "b", "c", "d"), 10, 0.05

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.special import expit
 
-from palpate.analysis.identification.confusion import Information, information_limits, transmitted
 from palpate.analysis.statistics.exact import Floats, Integers
+from palpate.analysis.statistics.psychophysics.information import Information, information_limits, transmitted
 from palpate.analysis.statistics.shares import Limits, may_guess, population_limits
 from tests.benchmarks.inference import at_share
 from tests.benchmarks.many_intervals import Ends, difference_ends, holds_any, modelled_ends, share_ends, student_ends

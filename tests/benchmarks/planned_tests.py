@@ -19,6 +19,7 @@ from scipy.linalg import helmert
 from palpate.analysis.identification.companion_tests import MARGIN, slopes_logit
 from palpate.analysis.statistics import participants
 from palpate.analysis.statistics.exact import Floats, NotDefined
+from palpate.analysis.statistics.groups import difference_tests
 from palpate.analysis.statistics.inference import holm
 from palpate.analysis.statistics.participants import equivalence_tests, order_effect, repeated_tests
 from palpate.analysis.statistics.sign_flips import sign_flip_tests
@@ -39,6 +40,9 @@ from tests.benchmarks.inference import (
 SIZES = (4, 6, 10, 15, 25, 40)
 ORDERS = 1999
 """So many orders are drawn, fewer than `analyse` draws, because each study draws anew."""
+
+GROUPED = 0.6
+"""Right answers of groups of which no one is better."""
 
 Found = dict[str, dict[tuple[str, int], list[float]]]
 """Every P of each test, by spread and number of participants."""
@@ -83,6 +87,21 @@ def at_the_margin(
     yield "equivalence of a pair, told apart by the margin", equivalence_tests(apart, MARGIN)
 
 
+def of_groups(spread: Spread, people: int, studies: int, random: np.random.Generator) -> Iterator[tuple[str, Floats]]:
+    """Yield P of groups of one population, and of a third who differ as `spread` says beside others who are alike.
+
+    Both groups are right in the same share on average.
+    """
+    third = max(2, people // 3)
+    one, other = (
+        np.diagonal(draw(own, people, studies, at_share(GROUPED, own.whole), random)[0], axis1=2, axis2=3).mean(axis=-1)
+        for own in (spread, SPREADS[0])
+    )
+    yield "difference of groups, half in each", difference_tests(one[:, ::2], one[:, 1::2])
+    yield "difference of groups, a third in one", difference_tests(one[:, :third], one[:, third:])
+    yield "difference of groups, a third who differ", difference_tests(one[:, :third], other[:, third:])
+
+
 def orders(shown: Counts, random: np.random.Generator) -> Iterator[float]:
     """Yield P of the order of tasks of each study, which adds nothing, where every other participant has either."""
     right = np.diagonal(shown, axis1=3, axis2=4).sum(axis=-1)
@@ -116,6 +135,9 @@ def measure(studies: int, fitted: int) -> Found:
             null = draw(spread, people, studies, at_share(float(CHANCE), spread.whole), random)
             shown = draw(spread, people, studies, SHOWN, random)
             for name, p in (*at_once(null, shown), *at_the_margin(spread, people, studies, random)):
+                add(name, p.tolist())
+            # Draws of their own leave those of the other tests as they were.
+            for name, p in of_groups(spread, people, studies, np.random.default_rng([s, people, 7])):
                 add(name, p.tolist())
             with mock.patch.object(participants, "DRAWS", ORDERS):
                 add("order of tasks", orders(shown[:, : studies // 4], random))

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from palpate.experiment.protocol.kinds import list_at, number_at, table_at, tables_at
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import DEVICES, NO_DEVICE
 from palpate.experiment.settings.characters import one_line
 from palpate.experiment.settings.load import MISSING, Broken, Confined, Label, Line, Name, Rules, Table, Text
@@ -228,6 +229,12 @@ class Asked(Confined):
 
     people: tuple[Fact, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
+
+
+def values(protocol: Protocol, fact: str) -> tuple[str, ...]:
+    """Return what may be chosen of a fact about people; nothing where the protocol does not ask it."""
+    asked = protocol.find(Asked)
+    return next((one.values for one in asked.people if one.id == fact), ()) if asked else ()
 
 
 def broken(table: Table) -> Iterator[Broken]:

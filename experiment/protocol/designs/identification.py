@@ -21,6 +21,7 @@ TESTS = {
     "repeated measures": PlannableTest(takes=CHOSEN, common=(2, 2), since=6),
     "logit with participants": PlannableTest(common=(1, 1), since=6),
     "order of tasks": PlannableTest(takes=CHOSEN, tasks=TWO, common=(1, 1), since=6),
+    "difference of groups": PlannableTest(needs=("groups",), takes=CHOSEN | HOLM, common=(1, 1), since=7),
 }
 """The published tests, then equivalence and those in which participants are the unit, which hold."""
 
@@ -28,15 +29,24 @@ TESTS = {
 def _rules(table: Table) -> Iterator[Broken]:
     """In the design `identification` every material has `key` and `spoken`, `order of tasks` is `counterbalanced`.
 
-    The `correction` of `sign flips between tasks`, and of no other test, is `tasks`.
+    The `correction` of `sign flips between tasks` and `difference of groups`, and of no other test, is `tasks`. Groups
+    are the values of a `choice` of `[[asked.people]]`.
     """
+    known = {one.get("id"): one.get("answer") for _, one in tables_at(table_at(table, "asked"), "people")}
+    chosen = [name for name, answer in known.items() if answer == "choice"]
     for i, one in tables_at(table, "materials"):
         if one.get("key") is None:
             yield Broken(("materials", i, "key"), "one ASCII character: participants name the material")
         if not one.get("spoken", ()):
             yield Broken(("materials", i, "spoken"), "an array of at least 1, each one line: participants name it")
     for i, test in tables_at(table, "analysis"):
-        paired, family = test.get("test") == "sign flips between tasks", test.get("correction")
+        paired, family = (
+            test.get("test") in ("sign flips between tasks", "difference of groups"),
+            test.get("correction"),
+        )
+        if (groups := test.get("groups")) is not None and groups not in chosen:
+            allowed = f"the id of a choice of [[asked.people]], one of: {', '.join(map(str, chosen)) or 'none'}"
+            yield Broken(("analysis", i, "groups"), allowed)
         if family is not None and paired != (family == "tasks"):
             yield Broken(("analysis", i, "correction"), "tasks" if paired else "one of: materials, materials and tasks")
         if test.get("test") == "order of tasks" and table_at(table, "task_order").get("kind") == "fixed":

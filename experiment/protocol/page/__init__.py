@@ -494,7 +494,8 @@ def _planned(planned: PlannedTest, name: str) -> str:
     family = "" if planned.correction is None else f"; P adjusted by Holm's method over the {planned.correction}"
     within = "" if planned.margin is None else f" within {number(planned.margin)}"
     of = f" of {' and '.join(map(named, planned.materials))}" if planned.materials else ""
-    return f"{name}{chance}{within}{of}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
+    by = "" if planned.groups is None else f" by {named(planned.groups)}"
+    return f"{name}{by}{chance}{within}{of}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
 
 
 def _left_empty(protocol: Protocol) -> Iterator[Block]:

@@ -13,6 +13,7 @@ WORDS = DesignWords(
         "repeated measures": "analysis of variance by repeated measures, corrected by Huynh and Feldt",
         "logit with participants": "logit in which participants differ in level, by material and by task",
         "order of tasks": "exact test over participants of the order in which they did the tasks",
+        "difference of groups": "permutation test of Welch's t over participants between groups",
     },
     index="The share of right answers of a participant, for each task and material.",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -15,6 +16,7 @@ from palpate.analysis.identification.planned import TESTS, Planned, planned_test
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Part, Study
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.asked import Asked, Fact
 from palpate.experiment.protocol.designs.identification import DESIGN
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import PlannedTest
@@ -45,10 +47,12 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     return replace(read(write_dataset(tmp_path_factory.mktemp("study"), people)), first_tasks=first)
 
 
-def _planned(study: Study, given: Mapping[str, Confusion] | None = None, /, **plan: Any) -> Planned:
+def _planned(
+    study: Study, given: Mapping[str, Confusion] | None = None, /, asked: Asked | None = None, **plan: Any
+) -> Planned:
     own = files.load(shipped("okamoto2012.toml"))
     test = PlannedTest(**{"question": "?", "tasks": BOTH, **plan})
-    part = Part("p", (), BOTH, own.model_copy(update={"analysis": (test, test)}))
+    part = Part("p", (), BOTH, own.model_copy(update={"analysis": (test, test), "asked": asked}))
     (found,) = planned_tests(replace(study, parts=(part,)), given or _tasks(), np.random.default_rng(1))
     return found
 
@@ -109,6 +113,21 @@ def test_the_order_of_tasks_is_that_of_who_began_with_which(study: Study) -> Non
     nobody = _planned(replace(study, first_tasks=dict.fromkeys("0123456789", "one")), test="order of tasks")
     assert nobody.lines == ()
     assert "got 10 and 0" in nobody.statements["one and two"]
+
+
+def test_groups_are_those_of_a_fact_about_people(study: Study) -> None:
+    """Groups of 5 and 7 in R, by combn and Welch's t; nobody tells that they are of the third."""
+    chosen = {str(k): "patient" if k in (0, 2, 4, 6, 8) else "control" for k in range(12)}
+    sizes = Counter(chosen.values())
+    fact = {"id": "diagnosis", "question": "?", "answer": "choice", "reason": "-"}
+    asked = Asked(people=(Fact.model_validate({**fact, "values": ("patient", "control", "sibling")}),))
+    told = replace(study, facts={(who, "diagnosis"): group for who, group in chosen.items()})
+    found = _planned(told, asked=asked, test="difference of groups", groups="diagnosis", correction="tasks")
+    assert [(line.tasks, line.subject) for line in found.lines] == [((task,), " less ".join(sizes)) for task in BOTH]
+    assert [line.value for line in found.lines] == pytest.approx([0.104021164021164, -0.00994708994708993], abs=1e-12)
+    assert [line.p for line in found.lines] == pytest.approx([0.529040404040404, 0.914141414141414], abs=1e-12)
+    assert [line.p_holm for line in found.lines] == [1.0] * 2
+    assert len(found.statements) == 4
 
 
 def test_a_logit_is_that_of_the_planned_tasks(study: Study) -> None:

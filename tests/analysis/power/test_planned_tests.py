@@ -269,7 +269,11 @@ def test_what_the_control_has_of_equivalence_and_order(protocol: Protocol) -> No
     """Tasks that differ by the margin: one-sided tests err in at most 5 %, and being first adds nothing."""
     tests = tuple(
         PlannedTest.model_validate({"tasks": ("virtual", "real"), "question": "?", **of})
-        for of in ({"test": "equivalence", "margin": 0.3}, {"test": "order of tasks"})
+        for of in (
+            {"test": "equivalence", "margin": 0.3},
+            {"test": "order of tasks"},
+            {"test": "difference of groups", "groups": "diagnosis"},
+        )
     )
     plan = protocol.model_copy(update={"analysis": tests})
     design, model = planned_tests.design(plan, {}), simulate.find("published", protocol)
@@ -279,4 +283,5 @@ def test_what_the_control_has_of_equivalence_and_order(protocol: Protocol) -> No
         for every, _ in [one.answers(design, 24, 400, np.random.default_rng(1))]
     ]
     assert found[0]["order of tasks"] > 0.5
+    assert found[0]["difference of groups"] > 3 * found[1]["difference of groups"]
     assert max(found[1].values()) < 0.08

@@ -22,6 +22,7 @@ from palpate.analysis.report.prose import write_up
 from palpate.analysis.report.sections import sections
 from palpate.analysis.statistics.participants import Misfit
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.asked import Asked, Fact
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import PlannedTest
 from palpate.experiment.records import software
@@ -37,6 +38,7 @@ PLANS: tuple[dict[str, object], ...] = (
     {"test": "equivalence", "margin": 0.2, "alpha": 0.01},
     {"test": "equivalence", "margin": 0.2, "tasks": ("virtual",)},
     {"test": "order of tasks", "materials": ("glass", "snow")},
+    {"test": "difference of groups", "groups": "diagnosis", "tasks": ("real",)},
 )
 
 
@@ -49,12 +51,15 @@ def test_each_planned_question_has_one_answer(tmp_path: Path, approved: Snapshot
     }  # fmt: skip
     study = read(write_dataset(tmp_path, people))
     plans = tuple(PlannedTest.model_validate({"tasks": BOTH, "question": "And this?", **plan}) for plan in PLANS)
-    own = files.load(shipped("okamoto2012.toml")).model_copy(update={"analysis": plans})
+    fact = Fact(id="diagnosis", question="?", answer="choice", values=("patient", "control"), reason="-")
+    changed = {"analysis": plans, "asked": Asked(people=(fact,))}
+    own = files.load(shipped("okamoto2012.toml")).model_copy(update=changed)
     first = {str(k): BOTH[k % 2] for k in range(8)}
     study = replace(
         study,
         parts=(Part("p", study.participants, BOTH, own, anchors=("2026-05-01 0a-1", "2026-05-02 0b-2")),),
         first_tasks=first,
+        facts={(str(k), "diagnosis"): fact.values[k > 2] for k in range(8)},
     )
     results = compute(study, {})
     table = np.full((3, 3), 4)

@@ -257,6 +257,17 @@ def test_a_field_that_is_not_of_a_test_is_refused(place: int, wrong: dict[str, A
     assert [one.field for one in load.find(ProtocolFile, _planning({**OFFERED[place], **wrong}), {})] == [field]
 
 
+def test_groups_are_those_of_a_choice_among_the_facts_about_people() -> None:
+    known = {"asked": {"people": asked("one")["people"]}}
+    test = {"test": "difference of groups", "tasks": ("one",), "groups": "sex", "correction": "tasks"}
+    study = {**_planning(test, 7), **known}
+    assert load.find(ProtocolFile, study, {}) == ()
+    (of_no_choice,) = load.find(ProtocolFile, {**study, **_planning({**test, "groups": "age"}, 7)}, {})
+    assert of_no_choice.field == "analysis[0].groups"
+    assert "analysis[0].groups" in [one.field for one in load.find(ProtocolFile, _planning(test, 7), {})]
+    assert "analysis[0].test" in [one.field for one in load.find(ProtocolFile, _planning(test, 6), {})]
+
+
 def test_the_order_of_tasks_is_planned_where_it_changes() -> None:
     study = changed(_planning(OFFERED[6]), ("task_order", "kind"), "fixed")
     assert [one.field for one in load.find(ProtocolFile, study, {})] == ["task_order.kind"]

@@ -9,9 +9,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from palpate.analysis.identification.confusion import information, information_limits, likely_answers, transmitted
 from palpate.analysis.statistics.exact import NotDefined
 from palpate.analysis.statistics.participants import Jackknife
+from palpate.analysis.statistics.psychophysics.information import (
+    information,
+    information_limits,
+    likely_answers,
+    transmitted,
+)
 from tests.analysis.reference import printed
 
 TEXTBOOK = np.array(printed("cover_thomas")["counts"])
