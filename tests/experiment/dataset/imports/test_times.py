@@ -50,5 +50,5 @@ def test_where_no_cell_is_a_time_the_remedy_leaves_the_column_aside_and_no_trial
         read_trials(
             [path], IN_S, stated=Stated(command=("palpate", "import-trials", "--seconds", "rt", "--study", "x"))
         )
-    assert str(refused.value).endswith("palpate import-trials --study x")
+    assert str(refused.value).endswith("import-trials --study x")
     assert len(read_trials([path], Layout("shown", "said", "who")).rows) == 2
