@@ -122,7 +122,8 @@ class GoOn:
 class Familiarise:
     """Whether the participant knows the materials, which takes `min_s` to `max_s` from now.
 
-    The keys of `handled` count a material that was handled. While it is `early` nothing else is offered.
+    The keys of `handled` count a material that was handled or, if the session `plays` it, play it once. While some are
+    `unfelt` they are played first, and while it is `early` nothing else is offered.
     """
 
     kind: ClassVar[Kind] = "familiarise"
@@ -131,19 +132,28 @@ class Familiarise:
     max_s: float
     handled: Mapping[str, str]
     early: bool = False
+    plays: bool = False
+    unfelt: bool = False
+
+    @property
+    def how(self) -> str:
+        """What a key of a material says of it."""
+        return "felt" if self.plays else "handled"
 
     @property
     def text(self) -> str:
         lasts = f"Familiarisation, {minutes(self.min_s) if self.min_s > 0 else 'up'} to {minutes(self.max_s)}."
         if self.max_s <= 0:
             lasts = "Familiarisation: its longest time is over."
-        counts = " A key counts how often a material was handled." if self.handled else ""
-        ends = " Enter works once the countdown is over." if self.early else ""
+        does = "plays one, and counts how often" if self.plays else "counts how often a material was handled"
+        counts = f" A key {does}." if self.handled else ""
+        ends = " Enter works once the countdown is over." if self.early and not self.unfelt else ""
         return f"{lasts}{counts}{ends} {self.instruction}"
 
     @property
     def choices(self) -> tuple[Choice, ...]:
         ends = {} if self.early else {ENTER: "the participant is familiar with the materials"}
+        ends = {ENTER: "play each that was not felt yet"} if self.unfelt else ends
         return keyed({**ends, **self.handled})
 
 

@@ -164,6 +164,15 @@ class Kind(Protocol):
         """Do what one of `keys` stands for. Raises `PalpateError`."""
         raise RuntimeError(f"a kind of trial without keys got {key}")
 
+    @property
+    def samples(self) -> Mapping[str, str]:
+        """What can be felt while the participant gets familiar, by its key; none where nothing is played then."""
+        return {}
+
+    def present(self, key: str) -> None:
+        """Play one of `samples`, and put it on record. Raises `PalpateError`."""
+        raise RuntimeError(f"a kind of trial without samples got {key}")
+
     def lacking(self) -> str:
         """Return in a sentence why no answer can count yet, or nothing."""
         return ""

@@ -490,19 +490,24 @@ class _Session:
         begun_ns = clock.now_ns()
         lasted_s, handled = 0.0, Counter[str]()
         shown = self.protocol.materials_of(self._task)
-        names = {one.key: one.id for one in self.protocol.materials if one.key and one.id in shown}
+        kind = self._attempts.kind
+        names = kind.samples or {one.key: one.id for one in self.protocol.materials if one.key and one.id in shown}
         while True:
             counts = {key: f"{name} ({handled[key]})" for key, name in names.items()}
-            question = Familiarise(wanted.instruction, wanted.min_s - lasted_s, wanted.max_s - lasted_s, counts)
+            unfelt = [key for key in kind.samples if not handled[key]]
+            left_s = wanted.min_s - lasted_s, wanted.max_s - lasted_s
+            question = Familiarise(wanted.instruction, *left_s, counts, plays=bool(kind.samples), unfelt=bool(unfelt))
             key = self.devices.console.ask(question).key
+            chosen = [key] if key in names else unfelt
+            handled.update(chosen)
+            for one in filter(kind.samples.get, chosen):
+                kind.present(one)
             lasted_s = (clock.now_ns() - begun_ns) / 1e9
-            if key in names:
-                handled[key] += 1
-            elif lasted_s >= wanted.min_s:
+            if not chosen and lasted_s >= wanted.min_s:
                 break
-            else:
+            if not chosen:
                 asked = f"{wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
                 self.devices.console.tell(Notice(f"It is too early to go on: the protocol asks for {asked}."))
         told = ", ".join(f"{names[key]} {times}" for key, times in handled.items())
-        detail = f"{lasted_s:.1f} s{f'; handled: {told}' if told else ''}"
+        detail = f"{lasted_s:.1f} s{f'; {question.how}: {told}' if told else ''}"
         self.log.write(entries.Phase(state=FAMILIARISED, detail=detail))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Literal
 
-from palpate.experiment.records.entries import Lines, Outcome, Record
+from palpate.experiment.records.entries import Entry, Lines, Outcome, Record
 from palpate.experiment.records.stimulus import Delivered, Stimulus, played_line
 
 
@@ -35,6 +35,18 @@ class Presentation(Outcome):
     @property
     def felt_s(self) -> tuple[float, ...]:
         return tuple(one.stimulus.lasts_s for one in self.intervals)
+
+
+class Sample(Entry):
+    """A stimulus of no trial, of a material at a level, which the participant felt while getting familiar with it."""
+
+    kind: Literal["sample"] = "sample"
+    level: float
+    interval: Interval
+
+    @property
+    def felt_s(self) -> tuple[float, ...]:
+        return (self.interval.stimulus.lasts_s,)
 
 
 class CutShort(Outcome):
@@ -91,4 +103,9 @@ def _cut_short(entry: CutShort) -> str:
     return f"{entry.label}: cut short, {again}: {entry.reason}{felt}"
 
 
-LINES: Lines = {Presentation: _presented, CutShort: _cut_short}
+def _sample(entry: Sample) -> str:
+    at = "" if entry.level == 1.0 else f", at level {entry.level:g}"
+    return f"familiarisation{at}: {_shown((entry.interval,))}"
+
+
+LINES: Lines = {Presentation: _presented, CutShort: _cut_short, Sample: _sample}

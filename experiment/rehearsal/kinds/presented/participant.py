@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.desk.questions import Arm, Event, Play, Played, Question, Reply
+from palpate.experiment.desk.messages import ENTER
+from palpate.experiment.desk.questions import Arm, Event, Familiarise, Play, Played, Question, Reply
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.designs import Percept, judge_of
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
@@ -110,6 +111,8 @@ class Presentee(SimulatedPerson):
 
     def ask(self, question: Question | Arm) -> Reply:
         match question:
+            case Familiarise(unfelt=True):
+                return Reply(ENTER)
             case Arm(attempt=attempt):
                 self._attempt, self._felt = attempt, []
                 if self._collected() is not None:

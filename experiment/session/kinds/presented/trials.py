@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from datetime import date
@@ -15,7 +15,7 @@ from palpate.experiment.desk.questions import INTERRUPTED, Play, Played
 from palpate.experiment.errors import ActuatorError, cause
 from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.records.entries import PlannedTrial
-from palpate.experiment.records.kinds.presented import CutShort, Interval, Presentation, all_delivered
+from palpate.experiment.records.kinds.presented import CutShort, Interval, Presentation, Sample, all_delivered
 from palpate.experiment.session.kind import FarEnds, Kind, Lent, Seen, SessionKind, Sitting, open_actuator
 from palpate.experiment.session.kinds.presented.stimuli import rendered, scaled
 
@@ -35,6 +35,12 @@ LOOK_NS = 5_000_000
 
 AHEAD_NS = 5_000_000
 """A stimulus is aimed at so long beyond the actuator's own lead, ns. Ours."""
+
+SAMPLES_APART_NS = 1_000_000_000
+"""So much silence at least before a stimulus of the familiarisation, ns. Ours."""
+
+SAMPLE_KEYS = "123456789abcdefghijklmnopqrstuvwxyz"
+"""Keys of what is felt in the familiarisation, where materials have none."""
 
 MAY = "feel what comes"
 """What the participant may do once an attempt is armed."""
@@ -135,6 +141,30 @@ class Presentations(Kind):
                 raise
             return self._cut_short(armed, why, failed)
         return self._cut_short(armed, reason) if reason else self._seen(armed)
+
+    @property
+    def samples(self) -> Mapping[str, str]:
+        return {key: material if level == 1.0 else f"{material} x {level:g}" for key, (material, level) in self._keyed}
+
+    @property
+    def _keyed(self) -> Iterator[tuple[str, tuple[str, float]]]:
+        """Yield each stimulus of the familiarisation by its key: with levels, at the strongest and the weakest."""
+        task = self._lent.protocol.task(self._lent.header.task)
+        levels = (1.0,) if task.levels is None else (task.levels.grid[-1], task.levels.grid[0])
+        own = self._lent.protocol.materials_of(task)
+        silent = {one for one in own if not self._devices.stimuli[one].waveform_m_s2.any()}
+        felt = [(one, level) for one in own for level in ((1.0,) if one in silent else levels)]
+        keys = {one.id: one.key for one in self._lent.protocol.materials if one.key}
+        named = all(one in keys for one in own) and len(levels) == 1
+        return zip([keys[one] for one in own] if named else SAMPLE_KEYS, felt, strict=False)
+
+    def present(self, key: str) -> None:
+        material, level = dict(self._keyed)[key]
+        self._sounded, apart_ns = [], max(int(self._table.gap_s * 1e9), SAMPLES_APART_NS)
+        self._play(material, scaled(self._devices.stimuli[material], level), self._lent.clock.now_ns() + apart_ns)
+        for one in self._sounded:
+            self._lent.log.write(Sample(level=level, interval=one.on_record()))
+            self._lent.console.tell(Played(0, 1))
 
     def _set_off(self, armed: Armed) -> str:
         """Wait until something or somebody sets the stimuli off; return why nothing may be felt, or nothing."""

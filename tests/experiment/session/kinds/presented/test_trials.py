@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,11 +23,13 @@ from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Armed, Entry, Footer, Header, PlannedTrial, Redo
-from palpate.experiment.records.kinds.presented import CutShort, Interval, Presentation
+from palpate.experiment.records.kinds.presented import CutShort, Interval, Presentation, Sample
+from palpate.experiment.records.progress import progress
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.session import attempt, runner
+from palpate.experiment.session.kind import Lent
 from palpate.experiment.session.kinds.presented.stimuli import rendered
-from palpate.experiment.session.kinds.presented.trials import PresentedDevices
+from palpate.experiment.session.kinds.presented.trials import PresentedDevices, Presentations
 from tests.experiment.protocol.presented import presenting
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.kinds.presented.test_stimuli import recording
@@ -47,8 +49,23 @@ def header(presented: Iterable[tuple[str, ...]]) -> Header:
     return HEADER.model_copy(update=own)
 
 
+class Familiar(Presentations):
+    """Of participants who are familiar with every stimulus."""
+
+    @property
+    def samples(self) -> Mapping[str, str]:
+        return {}
+
+
+class Devices(PresentedDevices):
+    def begin(self, lent: Lent) -> Presentations:
+        return Familiar(self, lent)
+
+
 class Bench:
     """A session that is run, and run again, on the same disk."""
+
+    opens: type[PresentedDevices] = Devices
 
     def __init__(self, folder: Path, study: Protocol, presented: Iterable[tuple[str, ...]], keys: str) -> None:
         self.folder, self.study, self.header = folder, study, header(presented)
@@ -65,7 +82,7 @@ class Bench:
     def run(self) -> Footer:
         stimuli = rendered(self.study, self.actuator.rate_hz)
         devices = attempt.Devices(
-            kind=PresentedDevices(self.actuator, stimuli),
+            kind=self.opens(self.actuator, stimuli),
             console=self.console,
             clock=self.clock,
             masker=None,
@@ -186,6 +203,31 @@ def test_a_level_multiplies_every_stimulus_of_its_trial(tmp_path: Path) -> None:
     waves = rendered(read, bench.actuator.rate_hz)
     first = bench.actuator.played[0]
     np.testing.assert_array_equal(first, 0.5 * waves["felt"].waveform_m_s2)
+
+
+LEVELS = {"method": "up-down", "grid": (0.25, 0.5, 1.0), "first": 0.5, "down": 1, "reversals": 2}
+
+
+@pytest.mark.parametrize("leveled", [False, True])
+def test_what_a_participant_gets_familiar_with_is_played_and_on_record(tmp_path: Path, leveled: bool) -> None:
+    study = presenting()
+    study["tasks"] = ({**study["tasks"][0], "levels": LEVELS if leveled else None},)
+    read = ProtocolFile.model_validate(study)
+    bench = Bench(tmp_path, read, PRESENTED[:2], "fk")
+    bench.opens = PresentedDevices
+    bench.console.handles.extend(["2" if leveled else "k", ENTER])
+    assert bench.run().reason == "complete"
+    felt = [(entry.interval.material, entry.level) for entry in bench.of(Sample)]
+    extremes = [("felt", 0.25), ("felt", 1.0), ("cork", 1.0), ("cork", 0.25)]
+    assert felt == (extremes if leveled else [("cork", 1.0), ("felt", 1.0)])
+    waves = rendered(read, bench.actuator.rate_hz)
+    for played, (material, level) in zip(bench.actuator.played, felt, strict=False):
+        np.testing.assert_array_equal(played, level * waves[material].waveform_m_s2)
+    done = progress(bench.entries)
+    assert done.stimuli == len(felt) + 2
+    (*_, last) = bench.of(Sample)
+    (first, *_) = bench.of(Presentation)
+    assert first.intervals[0].onset_ns > last.interval.onset_ns
 
 
 def test_each_share_of_a_row_is_of_the_stimulus_that_is_worst_by_it() -> None:
