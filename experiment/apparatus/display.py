@@ -68,10 +68,14 @@ class ScreenWords(Confined):
         ready: a step is armed.
         coming: another trial is.
         begin: label of the key that sets it off.
+        interval: one of its stimuli plays, if it has several; `{number}` stands for which.
         again: armed after a step that did not count.
         answer: the answer is awaited.
         choose: same, chosen on the screen.
         press: same, with buttons.
+        say: as `answer`, below what a design asks.
+        option: as `choose`, below that.
+        button: as `press`, below that.
         feel: before either, two samples.
         compare: as `answer`, two samples.
         first: added while the first virtual surface is there.
@@ -101,10 +105,14 @@ class ScreenWords(Confined):
     ready: Line = "You may step."
     coming: Line = Field("Feel what comes.", json_schema_extra={"since": 6})
     begin: Line = Field("I am ready", json_schema_extra={"since": 6})
+    interval: Line = Field("Interval {number}", json_schema_extra={"since": 6})
     again: Line = "That step did not count. Lift your foot, then step once more."
     answer: Line = "Say aloud what you felt."
     choose: Line = Field("Choose what you felt.", json_schema_extra={"since": 6})
     press: Line = Field("Press the button for what you felt.", json_schema_extra={"since": 6})
+    say: Line = Field("Say your answer aloud.", json_schema_extra={"since": 6})
+    option: Line = Field("Choose your answer.", json_schema_extra={"since": 6})
+    button: Line = Field("Press the button of your answer.", json_schema_extra={"since": 6})
     feel: Line = Field("Feel both, as often as you wish.", json_schema_extra={"since": 6})
     compare: Line = "Feel both, as often as you wish. Then say your answer aloud."
     first: Line = "The first is there now. Say so when you want the second."

@@ -393,9 +393,13 @@ class LinkedConsole:
                 if step != self._view.step:
                     self.tell(Notice(NEXT.format(step=step)))
                 self._now(step=step, steps=tuple(steps))
-            case questions.Instructed(instruction=instruction):
+            case questions.Instructed(instruction=instruction, asks=asks):
                 self.tell(Notice(f"The participant is told: {instruction}"))
-                self._now(instruction=instruction)
+                self._now(instruction=instruction, asks=asks)
+            case questions.Playing(place=place):
+                self._now(interval=place)
+            case questions.Played():
+                self._now(interval=None)
             case questions.Silent():
                 self._armed = None
                 self._now(state="waiting", lay_out="")
@@ -476,7 +480,15 @@ class LinkedConsole:
         self._armed = wanted.trial
         if wanted.broken_off:
             again = f"{wanted.broken_off[:1].upper()}{wanted.broken_off[1:]}"
-        self._now(state=state, trial=wanted.trial, attempt=wanted.attempt, may=wanted.may, heard="", again=again)
+        self._now(
+            state=state,
+            trial=wanted.trial,
+            attempt=wanted.attempt,
+            may=wanted.may,
+            heard="",
+            again=again,
+            interval=None,
+        )
         return waited
 
     def _answer(self, question: questions.TrialAnswer) -> Reply:

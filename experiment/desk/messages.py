@@ -168,7 +168,8 @@ class View(Message):
     """All that a console shows. `label` is PRACTICE or PILOT, empty in a study. What is presented is felt `at_will`.
 
     `step` is where the visit is, one of `steps`. `trial` and `attempt` are under way, with real objects to `lay_out`;
-    once it is armed the participant `may` do this.
+    once it is armed the participant `may` do this. `interval` is which of several stimuli plays, and a trial `asks`
+    this, where its design has words for that.
     `instruction` is the participant's: of the familiarization, then of the task until a first answer. `heard` is the
     microphone's proposal. `again` says why the step before did not count. `answers` are this task's, once asked for.
     `masked`: headphones played a masker in this task. `mode` is the protocol's of answers.
@@ -187,6 +188,8 @@ class View(Message):
     trial: int | None = None
     attempt: int = 1
     may: str = ""
+    interval: int | None = None
+    asks: str = ""
     lay_out: str = ""
     instruction: str = ""
     answers: tuple[Choice, ...] = ()
@@ -211,23 +214,24 @@ Show = Literal[
 
 
 class Prompt(Message):
-    """What the participant's screen shows. Nothing in it depends on what is presented.
-
-    `number` is unique to its look. `text` is the protocol's instruction, `again`: the step before did not count,
-    `unplayed`: nothing plays what a masker hides, `answers` are allowed in any trial, and given as `mode` says. `keys`
-    answer `question`: those of `answers` in their order where they are chosen here. `pace` is of the last step; `lamp`
-    says too fast, None for no lamp. `second`: the second of two virtual surfaces is there, None without. `hand_mm` is
-    the hand's height above the block, None for no picture. `unmasked`: a masker has stopped. A break lasts until
-    `until_ns`, ns of the system's clock. `label` is PRACTICE or PILOT, empty in a study.
+    """What the participant's screen shows. Nothing in it depends on what is presented. `number` is unique to its look.
+    `text` is the protocol's instruction, `again`: the step before did not count, `interval`: which of several stimuli
+    plays, `unplayed`: nothing plays what a masker hides, `asks`: what a trial asks, `answers` are allowed in any trial,
+    and given as `mode` says. `keys` answer `question`: those of `answers` in their order where they are chosen here.
+    `pace` is of the last step; `lamp` says too fast, None for no lamp. `second`: the second of two virtual surfaces is
+    there, None without. `hand_mm` is the hand's height above the block, None for no picture. `unmasked`: a masker has
+    stopped. A break lasts until `until_ns`, ns of the system's clock. `label` is PRACTICE or PILOT, empty in a study.
     """
 
     kind: Literal["prompt"] = "prompt"
     number: int = 0
     show: Show = "wait"
+    interval: int | None = None
     text: str = ""
     again: bool = False
     unplayed: bool = False
     answers: tuple[str, ...] = ()
+    asks: str = ""
     mode: Mode = "oral"
     question: int | None = None
     keys: tuple[str, ...] = ()
@@ -238,6 +242,11 @@ class Prompt(Message):
     unmasked: bool = False
     until_ns: int | None = None
     label: Label = ""
+
+    @property
+    def on_record(self) -> str:
+        """What goes on record of what is shown."""
+        return self.show if self.interval is None else f"interval {self.interval}"
 
 
 class Hello(Message):

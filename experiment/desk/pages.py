@@ -180,6 +180,8 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
             return words.rest
         case "ready":
             return f"{prompt.text}\n\n{words.again if prompt.again else words.ready}".strip()
+        case "coming" if prompt.interval is not None:
+            return words.interval.replace("{number}", str(prompt.interval))
         case "coming":
             return f"{prompt.text}\n\n{words.coming}".strip()
         case "answer" | "compare":
@@ -197,7 +199,10 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
 def _asks(prompt: Prompt, words: ScreenWords) -> str:
     """Return what asks for the answer, with the answers where they stand in no box."""
     answers = prompt.answers if prompt.mode != "screen" else ()
-    if prompt.mode == "oral":
+    if prompt.asks and prompt.show == "answer":
+        how = {"oral": words.say, "keys": words.button, "screen": words.option if prompt.question is not None else ""}
+        asks = f"{prompt.asks}\n\n{how[prompt.mode]}".strip()
+    elif prompt.mode == "oral":
         asks = words.compare if prompt.show == "compare" else words.answer
     else:
         asks = words.press if prompt.mode == "keys" else words.choose if prompt.question is not None else ""
@@ -206,7 +211,7 @@ def _asks(prompt: Prompt, words: ScreenWords) -> str:
     if prompt.show == "answer":
         return said
     there = "" if prompt.second is None else words.second if prompt.second else words.first
-    return "\n\n".join(filter(None, (prompt.text, said, there)))
+    return "\n\n".join(filter(None, (prompt.text, prompt.asks, said, there)))
 
 
 def _keys(prompt: Prompt, settings: ScreenRig) -> Iterator[tuple[str, str]]:

@@ -2,7 +2,8 @@
 
 It reads only the state, how answers are given, whether samples are compared or the step is the debriefing, the
 question's kind and keys, the instruction, the last step's pace and whether it counted, whether the hand is too fast,
-its height and place, whether a masker was played, the end of a break, a fault at the end, and the label of a practice.
+its height and place, whether a masker was played, which of several stimuli plays, what a trial asks, the end of a
+break, a fault at the end, and the label of a practice.
 """
 
 from collections.abc import Mapping
@@ -66,9 +67,11 @@ def prompt(view: View, answers: Mapping[str, str]) -> Prompt:
     return Prompt(
         show=show,
         text=view.instruction if show in ("wait", "instructions", "ready", "coming", "compare") else "",
+        interval=view.interval,
         again=bool(view.again) and show == "ready",
         unplayed=show == "masker" and asked is not None and PROBE_KEY not in {one.key for one in asked.choices},
         answers=tuple(answers.values()) if show in ("answer", "compare") else (),
+        asks=view.asks,
         mode=view.mode,
         question=number,
         keys=keys,

@@ -136,11 +136,6 @@ class Familiarise:
     unfelt: bool = False
 
     @property
-    def how(self) -> str:
-        """What a key of a material says of it."""
-        return "felt" if self.plays else "handled"
-
-    @property
     def text(self) -> str:
         lasts = f"Familiarisation, {minutes(self.min_s) if self.min_s > 0 else 'up'} to {minutes(self.max_s)}."
         if self.max_s <= 0:
@@ -369,14 +364,27 @@ class At:
 
 @dataclass(frozen=True)
 class Instructed:
-    """What the participant is told to do, until they have answered a first trial."""
+    """What the participant is told to do, until they have answered a first trial, and what each trial asks them."""
 
     instruction: str
+    asks: str = ""
 
 
 @dataclass(frozen=True)
 class Silent:
     """That a device is silent, and that no step counts until an attempt is armed."""
+
+
+@dataclass(frozen=True)
+class Playing:
+    """That a stimulus of a trial with several begins soon, or plays: the first of them, the second ..."""
+
+    place: int
+
+    @property
+    def text(self) -> str:
+        """The same for the experimenter."""
+        return f"Interval {self.place}."
 
 
 @dataclass(frozen=True)
@@ -423,7 +431,7 @@ class Pressed:
     by: By = "buttons"
 
 
-Event = Notice | At | Instructed | Silent | Played | Proposed | Answered | Stopped | Pressed
+Event = Notice | At | Instructed | Silent | Playing | Played | Proposed | Answered | Stopped | Pressed
 
 
 class Attended(Protocol):

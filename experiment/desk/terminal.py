@@ -123,7 +123,7 @@ class TerminalConsole(_Lines):
         match event:
             case questions.Notice(text=text) | questions.Proposed(words=text):
                 self.show(text)
-            case questions.Answered(text=text):
+            case questions.Answered(text=text) | questions.Playing(text=text):
                 self.show(f"{self._heading}  {text}")
             case questions.Instructed(instruction=instruction):
                 self.show(f"{self._heading}  Tell the participant: {instruction}")

@@ -317,6 +317,7 @@ class Task(Confined):
             felt. Formats 2 and 3 have none: `footstep` means identification, `comparison` tapping.
         stimulus: synthesized or rendered, or real objects laid out.
         instruction: for the participant.
+        question: what their screen asks in each trial, if not the words of the design.
         participants: how many do it, those who enroll first.
         repetitions: of each material, each pair (half in either order), or a detection's block.
         order: how the trials are put in order.
@@ -332,6 +333,7 @@ class Task(Confined):
     design: Design = Field(json_schema_extra={"since": 4})
     stimulus: Literal["virtual", "real"]
     instruction: Text
+    question: Text | None = Field(None, json_schema_extra={"since": 7})
     participants: Annotated[int, Field(ge=1)]
     repetitions: Annotated[int, Field(ge=1, le=1000)]
     order: Order
@@ -492,6 +494,10 @@ class Protocol(Confined):
     def materials_of(self, task: Task) -> tuple[str, ...]:
         """Return the ids of the materials that a task presents, in their order."""
         return task.materials or tuple(material.id for material in self.materials)
+
+    def question(self, task: Task) -> str:
+        """Return what participants are asked in each trial of a task; empty where that is what they felt."""
+        return task.question or design_of(task.design).asks(self)
 
     def presentations(self, task: Task) -> tuple[tuple[str, ...], ...]:
         """Return what a block of a task presents: each of its materials, or every pair of two, without levels one with

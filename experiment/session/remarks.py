@@ -120,7 +120,7 @@ class Remarks:
         with self._lock:
             if self._open:
                 self.lent.log.write(
-                    entries.Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns)
+                    entries.Shown(show=prompt.on_record, text=prompt.text, pace=prompt.pace, since_ns=since_ns)
                 )
 
     def _correct(self, asked: Correct) -> tuple[bool, str]:
@@ -246,7 +246,7 @@ class Paused:
 
     def shown(self, prompt: Prompt, ago_ns: int) -> None:
         since_ns = self.clock.now_ns() - ago_ns
-        self._write(entries.Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
+        self._write(entries.Shown(show=prompt.on_record, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
 
     def _write(self, entry: entries.Note | entries.Commanded | entries.Shown) -> bool:
         """Put an entry on record; return False where none may follow: after a withdrawal, or a line cut off."""

@@ -297,7 +297,7 @@ class _Session:
             self._attempts.remarks.note_ignored()
             self._enrol()
             if self.log.done.remaining:
-                self.devices.console.tell(Instructed(self._task.instruction))
+                self.devices.console.tell(Instructed(self._task.instruction, self.protocol.question(self._task)))
             pause = self._trials()
         except (ScreenGone, PauseAsked) as why:
             pause, felt = why.sentence(), self.log.done.unanswered
@@ -509,5 +509,6 @@ class _Session:
                 asked = f"{wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
                 self.devices.console.tell(Notice(f"It is too early to go on: the protocol asks for {asked}."))
         told = ", ".join(f"{names[key]} {times}" for key, times in handled.items())
-        detail = f"{lasted_s:.1f} s{f'; {question.how}: {told}' if told else ''}"
+        how = "felt" if kind.samples else "handled"
+        detail = f"{lasted_s:.1f} s{f'; {how}: {told}' if told else ''}"
         self.log.write(entries.Phase(state=FAMILIARISED, detail=detail))

@@ -111,6 +111,8 @@ def phase(view: View) -> Phase:
         return ASKED[view.question.kind]
     if view.state == "armed" and view.gauges is not None and (view.gauges.stepped or view.gauges.moving):
         return STEPPED if view.gauges.stepped else STEPPING
+    if view.state == "armed" and view.interval is not None:
+        return Phase(f"INTERVAL {view.interval}", "ARMED", YELLOW, "What a trial presents plays. Nothing is asked.")
     if view.state == "armed":
         now = AGAIN if view.again else STATES["armed"]
         return replace(now, says=now.says.format(may=view.may, why=view.again))

@@ -63,6 +63,7 @@ class ProtocolDesign:
         shown: the answers that the participant's screen names.
         keys: places of keys that must be unlike all others, each with its key.
         presentations: what a block presents; None where that is each material, or every pair of two, once.
+        asks: what participants are asked in each trial, unless their task says it; empty for what they felt.
         catches: whether what is presented has no signal, so that the trial is of no track.
     """
 
@@ -79,6 +80,7 @@ class ProtocolDesign:
     keys: Callable[[Table], Sequence[tuple[tuple[str | int, ...], object]]] = lambda _: ()
     presentations: Callable[[Any, Any], tuple[tuple[str, ...], ...]] | None = None
     catches: Callable[[Any, Sequence[str]], bool] = lambda *_: False
+    asks: Callable[[Any], str] = lambda _: ""
 
     def shown_together(self, own: object) -> int:
         """Return how many materials one trial presents by the design's table: a model, a plain one, or none."""

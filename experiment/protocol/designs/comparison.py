@@ -98,5 +98,6 @@ DESIGN = ProtocolDesign(
     named=lambda protocol: {answer: NAMED[answer] for answer in protocol.table(Comparison).answers.values()},
     presents=_presents,
     right=_right,
+    asks=lambda protocol: f"Which of the two has more {protocol.table(Comparison).quality}?",
     shown=lambda protocol: tuple(protocol.table(Comparison).answers.values()),
 )

@@ -27,6 +27,9 @@ NAMED = {
 }
 """What an answer says, for the experimenter, and as the sidecar of a dataset tells it."""
 
+ASKS = {1: "Did you feel anything?", 2: "In which of the two intervals did you feel something?"}
+"""What participants are asked, by how many stimuli a trial presents."""
+
 TESTS = {name: PlannableTest(since=7, leveled=True) for name in ("threshold", "sensitivity")}
 """The planned tests: thresholds of psychometric functions, and d'."""
 
@@ -188,5 +191,6 @@ DESIGN = ProtocolDesign(
     right=_right,
     shown=lambda protocol: tuple(WORDS[one] for one in protocol.table(Detection).answers.values()),
     presentations=_presentations,
+    asks=lambda protocol: ASKS[protocol.table(Detection).intervals],
     catches=lambda protocol, presented: {*presented} == {protocol.table(Detection).blank},
 )

@@ -144,5 +144,6 @@ DESIGN = ProtocolDesign(
     answers=_answers,
     named=lambda protocol: {place.answer: words(place) for place in protocol.table(Rating).scale},
     presents=_presents,
+    asks=lambda protocol: f"How much {protocol.table(Rating).quality} did you feel?",
     shown=lambda protocol: tuple(map(words, protocol.table(Rating).scale)),
 )

@@ -48,6 +48,10 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
     )
     for one in table.stimuli:
         yield Item(f"{named(one.material)}: {_declared(one)}.")
+    yield Said(
+        "The familiarisation plays each stimulus once, and again as often as the experimenter presses its key within "
+        "its longest time; where levels change, each as strong and as weak as they make it."
+    )
     if table.pause_s is not None:
         yield Said(
             f"Where a trial presents several, {number(table.pause_s)} s lie between the end of one and the next."

@@ -50,6 +50,19 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
     "rest": (Prompt(show="rest"), "Rest your foot still on the panel."),
     "ready": (Prompt(show="ready"), "You may step."),
     "another trial": (Prompt(show="coming", text="Say when."), "Say when.\n\nFeel what comes."),
+    "an interval": (Prompt(show="coming", interval=2), "Interval 2"),
+    "asked by a design": (
+        Prompt(show="answer", asks="Did you feel anything?", answers=("yes", "no")),
+        "Did you feel anything?\n\nSay your answer aloud.\nyes\nno",
+    ),
+    "asked by a design, with buttons": (
+        Prompt(show="answer", asks="Which?", mode="keys"),
+        "Which?\n\nPress the button of your answer.",
+    ),
+    "asked by a design, at the screen": (
+        Prompt(show="answer", asks="Which?", mode="screen", answers=("yes", "no"), question=1, keys=("y", "n")),
+        "Which?\n\nChoose your answer.",
+    ),
     "ready for the first trial": (
         Prompt(show="ready", text="Step, and say what."),
         "Step, and say what.\n\nYou may step.",

@@ -53,7 +53,19 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View) -> None:
         gauges = other.gauges.model_copy(update=kept)
     matters = {
         name: getattr(view, name)
-        for name in ("state", "step", "at_will", "mode", "instruction", "again", "masked", "pause_until_ns", "label")
+        for name in (
+            "state",
+            "step",
+            "at_will",
+            "mode",
+            "instruction",
+            "interval",
+            "asks",
+            "again",
+            "masked",
+            "pause_until_ns",
+            "label",
+        )
     }
     ended = view.ended
     if ended is not None and other.ended is not None:

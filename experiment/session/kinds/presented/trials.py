@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from palpate.experiment.apparatus.panel.conditioning import open_drive
 from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.desk.messages import Measured
-from palpate.experiment.desk.questions import INTERRUPTED, Play, Played
+from palpate.experiment.desk.questions import INTERRUPTED, Play, Played, Playing
 from palpate.experiment.errors import ActuatorError, cause
 from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.records.entries import PlannedTrial
@@ -35,6 +35,9 @@ LOOK_NS = 5_000_000
 
 AHEAD_NS = 5_000_000
 """A stimulus is aimed at so long beyond the actuator's own lead, ns. Ours."""
+
+MARKED_NS = 250_000_000
+"""A stimulus of several is marked on the screen so long before it begins, ns, or half of the pause before. Ours."""
 
 SAMPLES_APART_NS = 1_000_000_000
 """So much silence at least before a stimulus of the familiarisation, ns. Ours."""
@@ -187,7 +190,13 @@ class Presentations(Kind):
         """Play what a trial presents; return why it ended early, or nothing."""
         level = self._lent.log.done.levels.get(armed.planned.trial, 1.0)
         pause_ns, from_ns = int((self._table.pause_s or 0.0) * 1e9), 0
+        several = len(armed.planned.presented) > 1
         for place, material in enumerate(armed.planned.presented, start=1):
+            if several:
+                from_ns = from_ns or self._lent.clock.now_ns() + MARKED_NS
+                if reason := self._wait_until(from_ns - (min(MARKED_NS, pause_ns // 2) if place > 1 else MARKED_NS)):
+                    return reason
+                self._lent.console.tell(Playing(place))
             if reason := self._play(material, scaled(self._devices.stimuli[material], level), from_ns):
                 return reason
             from_ns = self._sounded[-1].ends_ns + pause_ns

@@ -16,7 +16,7 @@ from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset.kinds.presented import _played
 from palpate.experiment.desk.messages import ENTER, Repeat
-from palpate.experiment.desk.questions import Play, Reply
+from palpate.experiment.desk.questions import Event, Play, Playing, Reply
 from palpate.experiment.errors import ActuatorError, PalpateError
 from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.kinds.presented import Presented
@@ -29,7 +29,7 @@ from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kind import Lent
 from palpate.experiment.session.kinds.presented.stimuli import rendered
-from palpate.experiment.session.kinds.presented.trials import PresentedDevices, Presentations
+from palpate.experiment.session.kinds.presented.trials import Presentations, PresentedDevices
 from tests.experiment.protocol.presented import presenting
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.kinds.presented.test_stimuli import recording
@@ -149,6 +149,25 @@ def test_a_stimulus_that_was_not_delivered_is_repeated_where_a_rule_says_so(tmp_
     assert bench.run().reason == "complete"
     assert [entry.attempt for entry in bench.of(Presentation)] == [1, 1, 2]
     assert [entry.put_off for entry in bench.of(Redo)] == [True]
+
+
+def test_several_stimuli_are_marked_before_each_begins_and_one_is_not(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, protocol(), PRESENTED, "fkfk")
+    marked: list[tuple[int, int]] = []
+    tell = bench.console.tell
+
+    def noted(event: Event) -> None:
+        if isinstance(event, Playing):
+            marked.append((event.place, bench.clock.now_ns()))
+        tell(event)
+
+    bench.console.tell = noted  # type: ignore[method-assign]
+    bench.run()
+    kept = [entry for entry in bench.of(Presentation) if len(entry.intervals) > 1]
+    assert [place for place, _ in marked] == [1, 2, 1, 2, 3]
+    onsets_ns = [one.onset_ns for entry in kept for one in entry.intervals]
+    ahead_ns = [onset_ns - at_ns for onset_ns, (_, at_ns) in zip(onsets_ns, marked, strict=True)]
+    assert ahead_ns == [pytest.approx(250_000_000, abs=10_000_000)] * 5
 
 
 def test_a_device_that_fails_leaves_what_was_felt_on_record_and_the_trial_comes_again(tmp_path: Path) -> None:
