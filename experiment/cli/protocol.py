@@ -18,6 +18,7 @@ from palpate.experiment.settings.characters import quoted
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.rig import Rig
+    from palpate.experiment.findings import Finding
     from palpate.experiment.protocol.models import Protocol
     from palpate.experiment.protocol.new import NewStudy
 
@@ -241,6 +242,7 @@ def check(
     try:
         protocol = files.load(protocol_file)
         files.companions(protocol)
+        doubts = _companion_doubts(protocol_file, protocol)
     except ProtocolError as error:
         if as_json:
             options.put(
@@ -277,7 +279,7 @@ def check(
         sha256, document = approval.sha256(protocol), json.loads(approval.canonical(protocol))
         approved = seal.model_dump(mode="json", exclude={"protocol"}) if seal else None
         known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
-        known["advice"] = [one.record() for one in page.advice(protocol)]
+        known["advice"] = [one.record() for one in (*page.advice(protocol), *doubts)]
         if rig_file is not None:
             refused = None if refusal is None else str(refusal)
             known["rig"] = {"file": str(rig_file), "told": told, "refused": refused, "words": words}
@@ -287,6 +289,8 @@ def check(
     else:
         shown = f"{page.page(protocol, str(protocol_file))}\n{state}"
         typer.echo(f"{shown}\n{page.approved(seal)}" if seal else shown)
+    for one in () if as_json else doubts:
+        typer.echo(f"\n{one.sentence()}.")
     if told and not as_json:
         typer.echo(f"\n{told}")
     if words and not as_json:
@@ -295,6 +299,17 @@ def check(
         if as_json:
             raise typer.Exit(refusal.exit_code)
         raise refusal
+
+
+def _companion_doubts(protocol_file: Path, protocol: "Protocol") -> "list[Finding]":
+    """Return what is odd about the files beside a protocol. Raises `ProtocolError` for what cannot be played."""
+    from palpate.experiment.errors import ProtocolError
+    from palpate.experiment.session.kind import session_kind
+
+    found = list(session_kind(protocol.tasks[0]).companions(protocol)) if protocol.companions else []
+    if refused := [one for one in found if one.refuses]:
+        raise ProtocolError.in_file(protocol_file, refused)
+    return found
 
 
 def _examine_rig(

@@ -4,6 +4,8 @@
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
+from math import log10
 
 from palpate.experiment.errors import Finding, mismatch
 from palpate.experiment.protocol.blocks import count, number
@@ -104,8 +106,33 @@ def _numbers(values: tuple[float, ...] | None) -> str:
     return ", ".join(map(number, values or ()))
 
 
+LEAST_REVERSALS, CLOSE_DB = 4, 0.1
+"""A mean of fewer reversals is hardly one, and levels that are closer are felt alike; ours."""
+
+
+def _odd(protocol: Protocol, task: Task, levels: Levels) -> Iterator[tuple[str, str, str]]:
+    trials = task.repetitions * int(getattr(getattr(protocol, task.design, None), "signal_trials", 1))
+    if levels.reversals is not None and levels.down is not None:
+        # From one turn at the top to the next a track needs `down` right answers and a wrong one at least.
+        most = 2 * trials // (levels.down + 1)
+        if levels.reversals > most:
+            allowed = f"as a rule at most {most}: a track of {trials} trials cannot turn more often, and ends by trials"
+            yield "reversals", f"{levels.reversals}", allowed
+        elif levels.reversals < LEAST_REVERSALS:
+            allowed = f"as a rule {LEAST_REVERSALS} or more: the threshold is a mean of reversals, the first left out"
+            yield "reversals", f"{levels.reversals}", allowed
+    apart_db = [20 * log10(high / low) for low, high in pairwise(levels.grid)]
+    if levels.method == "constant" and min(apart_db) < CLOSE_DB:
+        low = apart_db.index(min(apart_db))
+        allowed = f"as a rule levels {CLOSE_DB:g} dB apart or more: these two are one and the same"
+        yield "grid", f"{levels.grid[low]:g} and {levels.grid[low + 1]:g}", allowed
+
+
 def advice(protocol: Protocol) -> Iterator[Finding]:
-    """Yield each planned test of a task with levels."""
+    """Yield each planned test of a task with levels, and levels of which a track makes little."""
+    for place, task in enumerate(protocol.tasks):
+        for field, got, allowed in () if task.levels is None else _odd(protocol, task, task.levels):
+            yield mismatch(written(("tasks", place, "levels", field)), None, got, allowed)
     adaptive, plannable = {task.id for task in protocol.tasks if task.levels is not None}, plannable_tests()
     for place, test in enumerate(protocol.analysis):
         if (of := adaptive.intersection(test.tasks)) and not plannable[test.test].leveled:

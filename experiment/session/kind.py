@@ -363,6 +363,10 @@ class SessionKind:
         """Return in words what the board reads of a rig, and why it is refused for participants, if it is."""
         return cast("tuple[str, PalpateError | None]", import_module(self.board).examine(**given))
 
+    def companions(self, protocol: StudyProtocol) -> Iterable[Finding]:
+        """Return what `palpate check` finds of the files that stand beside a protocol."""
+        return cast("Iterable[Finding]", import_module(self.board).companions(protocol)) if protocol.companions else ()
+
     def omissions(self, *given: object) -> Iterable[Finding]:
         """Return what `palpate doctor` finds of what a rig leaves out; nothing where no recordings are played."""
         return cast("Iterable[Finding]", import_module(self.board).omissions(*given)) if self.recordings else ()

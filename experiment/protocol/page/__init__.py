@@ -528,7 +528,8 @@ def _odd(protocol: Protocol) -> Iterator[Block]:
 def advice(protocol: Protocol) -> tuple[Finding, ...]:
     """Return each value that is legal but odd, which nothing refuses: its field, and what it would be as a rule."""
     checks = (_unasked_consent, _chances, _open_anovas, _too_few, _orders, _duration, _levels_advice)
-    odd = (mismatch(field, None, got, allowed) for field, got, allowed in kind_words(protocol.tasks[0]).odd(protocol))
+    words = kind_words(protocol.tasks[0]), design_words(protocol.tasks[0])
+    odd = (mismatch(field, None, got, allowed) for one in words for field, got, allowed in one.odd(protocol))
     return (*(problem for check in checks for problem in check(protocol)), *odd)
 
 

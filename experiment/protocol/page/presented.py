@@ -40,6 +40,10 @@ _WAVES: Mapping[str, Callable[[Any], str]] = {
 }
 
 
+ALIKE_S = 0.001
+"""Stimuli that differ by less are of one length; ours."""
+
+
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
     table = protocol.table(Presented)
     yield Said(
@@ -87,7 +91,38 @@ def _felt(protocol: Protocol, task: Task) -> str:
     return f"In task {task.id} stimuli last {total_s} s in all at most, if no trial is repeated."
 
 
+def _odd(protocol: Protocol) -> Iterator[tuple[str, str, str]]:
+    stimuli, peaks_m_s2 = protocol.table(Presented).stimuli, protocol.table(Presented).peaks_m_s2
+    silent = {one.material for one in stimuli if all(part.silence is not None for part in one.parts)}
+    longest_s = max((one.lasts_s for one in stimuli if one.material not in silent), default=0.0)
+    played: dict[object, str] = {}
+    for i, one in enumerate(stimuli):
+        field = f"presented.stimuli[{i}]"
+        if one.material not in silent and peaks_m_s2.get(one.material) == 0:
+            allowed = "as a rule an amplitude above 0: nothing of it is felt, and silence is a wave of its own"
+            yield f"{field}.parts", f"a peak of 0 m/s^2 of {one.material}", allowed
+        if one.material in silent and longest_s and abs(one.lasts_s - longest_s) > ALIKE_S:
+            allowed = f"as a rule {longest_s:g} s, as long as the others: its length alone tells it from them"
+            yield f"{field}.parts", f"{one.lasts_s:g} s of nothing", allowed
+        if one.parts[0].recorded is not None:
+            first = played.setdefault(one.model_copy(update={"material": "", "parts": _unnamed(one)}), one.material)
+            if first != one.material:
+                allowed = f"as a rule another recording than that of {first}: nobody can tell the two apart"
+                yield f"{field}.parts", f"the same recording for {one.material}", allowed
+
+
+def _unnamed(stimulus: PresentedStimulus) -> tuple[Part, ...]:
+    """Return the parts of a stimulus, whatever the files are called that it plays."""
+    return tuple(
+        part
+        if part.recorded is None
+        else part.model_copy(update={"recorded": part.recorded.model_copy(update={"file": ""})})
+        for part in stimulus.parts
+    )
+
+
 WORDS = KindWords(
+    odd=_odd,
     sources={
         "virtual": "virtual: vibrations that the protocol declares",
         "real": "real: objects, which no trial of this kind presents",

@@ -39,6 +39,7 @@ class DesignWords:
         asked: what is asked about what is presented.
         ranked: in which order materials are listed.
         tests: how planned tests are called where their name does not say it.
+        odd: as of a kind.
         index: what is computed of each participant's answers, where one number of them is what is analysed.
     """
 
@@ -49,6 +50,7 @@ class DesignWords:
     asked: Callable[[Protocol], str] = lambda _: ""
     ranked: Callable[[Protocol], str] = lambda _: ""
     tests: Mapping[str, str] = field(default_factory=dict)
+    odd: Callable[[Protocol], Iterator[tuple[str, str, str]]] = lambda _: iter(())
     index: str = ""
 
 

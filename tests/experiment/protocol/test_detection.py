@@ -16,6 +16,7 @@ from palpate.experiment.settings.load import find
 from palpate.experiment.study.schedule import block_trials, schedule
 from tests.experiment.protocol import detection, rating
 from tests.experiment.protocol.detection import CONSTANT, UP_DOWN, detecting, protocol
+from tests.experiment.protocol.presented import RECORDED, presenting
 from tests.experiment.protocol.small import changed, with_tuples
 
 DESIGN = design_of("detection")
@@ -149,3 +150,56 @@ def test_constant_levels_come_equally_often_or_are_refused() -> None:
 
 def test_a_planned_threshold_of_a_task_with_levels_is_not_odd() -> None:
     assert not [one for one in advice(protocol(2, UP_DOWN)) if one.field.startswith("analysis")]
+
+
+QUEST: dict[str, Any] = {
+    "method": "quest-plus",
+    "grid": (0.25, 0.5, 1.0),
+    "thresholds": (0.25, 0.5, 1.0),
+    "spreads_db": (3.0,),
+    "lapses": (0.02,),
+}
+
+
+@pytest.mark.parametrize(
+    ("intervals", "levels", "own", "fields"),
+    [
+        (2, UP_DOWN, {"repetitions": 20}, []),
+        (2, {**UP_DOWN, "down": 1}, {"repetitions": 20}, ["tasks[0].levels.down"]),
+        (2, {**UP_DOWN, "down": 1, "up": 3}, {"repetitions": 20}, []),
+        (1, {**UP_DOWN, "down": 1}, {"repetitions": 20}, []),
+        (2, {**QUEST, "guess": 0.0}, {}, ["tasks[0].levels.guess"]),
+        (2, {**QUEST, "guess": 0.5}, {}, []),
+        (2, {**UP_DOWN, "reversals": 60}, {"repetitions": 20}, ["tasks[0].levels.reversals"]),
+        (2, {**UP_DOWN, "reversals": 1}, {"repetitions": 20}, ["tasks[0].levels.reversals"]),
+        (1, None, {"catch_trials": 0}, ["detection.catch_trials"]),
+        (2, {**CONSTANT, "grid": (0.25, 0.2501, 0.5, 1.0)}, {}, ["tasks[0].levels.grid"]),
+    ],
+)
+def test_what_a_threshold_cannot_come_from_is_worth_a_second_look(
+    intervals: int, levels: dict[str, Any] | None, own: dict[str, Any], fields: list[str]
+) -> None:
+    assert [one.field for one in advice(protocol(intervals, levels, **own)) if one.field.startswith(LOOKED)] == fields
+
+
+LOOKED = ("tasks[0].levels", "detection.")
+
+
+def test_stimuli_that_tell_nothing_or_too_much_are_worth_a_second_look() -> None:
+    study = detecting(2)
+    one, *others = study["presented"]["stimuli"]
+    weak = {"sinusoid": {**one["parts"][0]["sinusoid"], "amplitude_m_s2": 0.0}}
+    longer = {**others[-1], "parts": ({"silence": {"lasts_s": 0.5}},)}
+    stimuli = ({**one, "parts": (weak,)}, *others[:-1], longer)
+    odd = advice(ProtocolFile.model_validate(study | {"presented": study["presented"] | {"stimuli": stimuli}}))
+    fields = [f"presented.stimuli[{place}].parts" for place in (0, len(stimuli) - 1)]
+    assert [found.field for found in odd if found.field.startswith("presented")] == fields
+
+
+def test_one_recording_under_two_names_is_worth_a_second_look() -> None:
+    study = presenting(first=(RECORDED,))
+    first, second, *others = study["presented"]["stimuli"]
+    named = {"recorded": {**RECORDED["recorded"], "file": "other.wav"}}
+    stimuli = (first, {**second, "parts": (named,)}, *others)
+    odd = advice(ProtocolFile.model_validate(study | {"presented": study["presented"] | {"stimuli": stimuli}}))
+    assert [found.field for found in odd if found.field.startswith("presented")] == ["presented.stimuli[1].parts"]

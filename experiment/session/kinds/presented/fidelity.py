@@ -4,19 +4,27 @@ play."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
+
+import numpy as np
 
 from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.rig import ActuatorRig, Rig
-from palpate.experiment.errors import Finding, PalpateError, Remedy, RigError
+from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy, RigError
 from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.session.kinds.presented.stimuli import peak_m_s2, rendered
+from palpate.experiment.session.kinds.presented.stimuli import Recording, peak_m_s2, recording, rendered
 
 UNKNOWN = "nobody measured which frequencies its actuator carries"
+
+LEFT_S = 0.05
+"""A recording that goes on for longer may have been meant whole; ours."""
+
+LEAST_HZ = 2000
+"""Twice the highest frequency of vibrotactile thresholds (Verrillo 1963, J. Acoust. Soc. Am. 35, 1962-1966)."""
 
 SHOWN = 5e-6
 """A share is told from here on: 0.0005 %."""
@@ -96,6 +104,54 @@ def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[
 def is_known(actuator: ActuatorRig) -> bool:
     """Return whether somebody measured which frequencies an actuator carries."""
     return actuator.shaping is not None or actuator.carries_hz is not None or actuator.inverse_ahead_ms is not None
+
+
+def companions(protocol: Protocol) -> Iterator[Finding]:
+    """Yield what is wrong with, or odd about, the recordings that a protocol plays, whatever the rig."""
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    for i, one in enumerate(protocol.table(Presented).stimuli):
+        for j, part in enumerate(one.parts):
+            if part.recorded is None:
+                continue
+            place = f"presented.stimuli[{i}].parts[{j}].recorded"
+            try:
+                heard = recording(protocol, part.recorded)
+            except RecordingError as error:
+                yield replace(error.finding, field=place)
+                continue
+            peak_m_s2 = float(np.abs(heard.m_s2 - heard.m_s2.mean()).max())
+            if peak_m_s2 > limit_m_s2:
+                most = part.recorded.full_scale_m_s2 * limit_m_s2 / peak_m_s2
+                yield Finding(
+                    f"got a peak of {peak_m_s2:.3g} m/s^2 in {heard.file}",
+                    field=f"{place}.full_scale_m_s2",
+                    allowed=f"at most exposure.vibration_peak_m_s2 ({limit_m_s2:g})",
+                    remedy=f"lower full_scale_m_s2 to {most:.3g}, which makes it weaker, or play another part of it",
+                )
+            yield from _doubts(heard, place)
+
+
+def _doubts(heard: Recording, place: str) -> Iterator[Finding]:
+    """Yield what is odd about a recording, which nothing refuses."""
+    from palpate.experiment.recordings.grid import clipping
+
+    if heard.left_s > LEFT_S:
+        what = f"{heard.file} goes on for {heard.left_s:g} s after what is played"
+        remedy = "check begins_s and lasts_s, or cut the file to what is played"
+        yield Finding(what, field=f"{place}.lasts_s", remedy=remedy, verdict="warns")
+    if heard.rate_hz < LEAST_HZ:
+        what = (
+            f"got {heard.rate_hz} samples a second in {heard.file}, which holds nothing above {heard.rate_hz / 2:g} Hz"
+        )
+        allowed = f"as a rule {LEAST_HZ} or more: touch follows vibrations up to some {LEAST_HZ // 2} Hz"
+        remedy = "check the rate in the file's header, or record at a higher one"
+        yield Finding(what, field=f"{place}.file", allowed=allowed, remedy=remedy, verdict="warns")
+    if (clipped := clipping(heard.m_s2)) is not None:
+        what = (
+            f"{heard.file} looks clipped: {clipped.samples} samples in {clipped.runs} runs stand at an end of its range"
+        )
+        remedy = "record it again, with less gain"
+        yield Finding(what, field=f"{place}.file", remedy=remedy, verdict="warns")
 
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:

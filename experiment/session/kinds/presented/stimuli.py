@@ -1,6 +1,7 @@
 """From what a protocol declares to the waveforms of a device's rate."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from math import sqrt
 from typing import Any
 
@@ -75,8 +76,8 @@ def _part(protocol: Protocol, part: Part, rate_hz: int, material: str) -> Wave:
             )
     at = waves.times(part.lasts_s, rate_hz)
     if isinstance(wave, Recorded):
-        m_s2, recorded_hz = _recording(protocol, wave)
-        made = waves.resampled(at, m_s2, recorded_hz=recorded_hz)
+        played = recording(protocol, wave)
+        made = waves.resampled(at, played.m_s2, recorded_hz=played.rate_hz)
     else:
         made = WAVES[name](wave, at)
     return waves.ramped(made, rate_hz=rate_hz, ramp_s=part.ramp_s)
@@ -88,17 +89,27 @@ def _uncarried(protocol: Protocol, stimulus: PresentedStimulus, rate_hz: int) ->
     for part in stimulus.parts:
         if part.recorded is None:
             continue
-        m_s2, recorded_hz = _recording(protocol, part.recorded)
-        left = waves.uncarried(waves.times(part.lasts_s, rate_hz), m_s2, recorded_hz=recorded_hz)
-        left, share = waves.ramped(left, rate_hz=recorded_hz, ramp_s=part.ramp_s), part.lasts_s / stimulus.lasts_s
+        played = recording(protocol, part.recorded)
+        left = waves.uncarried(waves.times(part.lasts_s, rate_hz), played.m_s2, recorded_hz=played.rate_hz)
+        left, share = waves.ramped(left, rate_hz=played.rate_hz, ramp_s=part.ramp_s), part.lasts_s / stimulus.lasts_s
         energy += share * float(np.mean(left**2))
-        f = bin_frequencies_hz(bins=left.size, rate_hz=recorded_hz)
+        f = bin_frequencies_hz(bins=left.size, rate_hz=played.rate_hz)
         felt += share * float(np.abs(spectrum(left))[1:][f[1:] <= BAND_HZ[1]].sum())
     return sqrt(energy), felt
 
 
-def _recording(protocol: Protocol, wave: Recorded) -> tuple[Wave, int]:
-    """Return the samples of a recording that are played, m/s^2, shape (m,), and their rate, Hz."""
+@dataclass(frozen=True)
+class Recording:
+    """The samples of a recording that are played, m/s^2, shape (m,), their rate, and how long the file goes on, s."""
+
+    file: str
+    m_s2: Wave
+    rate_hz: int
+    left_s: float
+
+
+def recording(protocol: Protocol, wave: Recorded) -> Recording:
+    """Return a recording that a protocol plays. Raises `RecordingError`, and `ProtocolError` as `files.companion`."""
     from palpate.experiment.recordings.wav import wav_samples
 
     stored_hz, stored = wav_samples(files.companion(protocol, wave.file), file=wave.file)
@@ -110,4 +121,5 @@ def _recording(protocol: Protocol, wave: Recorded) -> tuple[Wave, int]:
     if stored.dtype.kind not in "if":
         raise RecordingError(wave.file, "got samples of 8 bits", "export it again", allowed="16 bits or more, or float")
     whole = float(np.iinfo(stored.dtype).max) + 1 if stored.dtype.kind == "i" else 1.0
-    return samples.astype(np.float64) * (wave.full_scale_m_s2 / whole), stored_hz
+    m_s2 = samples.astype(np.float64) * (wave.full_scale_m_s2 / whole)
+    return Recording(wave.file, m_s2, stored_hz, (stored.shape[0] - first - samples.shape[0]) / stored_hz)

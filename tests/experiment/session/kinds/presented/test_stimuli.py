@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from datetime import date
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tomlkit
+from numpy.typing import NDArray
 from scipy.io import wavfile
 
 from palpate.experiment import storage
@@ -73,6 +75,60 @@ def test_a_recording_that_is_another_or_gone_is_refused(tmp_path: Path) -> None:
 def test_a_recording_of_8_bits_or_too_short_is_refused(tmp_path: Path, dtype: str, seconds: float) -> None:
     with pytest.raises(RecordingError):
         rendered(load(recording(tmp_path, dtype=dtype, seconds=seconds)), 5000)
+
+
+def written(folder: Path, samples: NDArray[np.int16], rate_hz: int = 4000, **own: object) -> Protocol:
+    """Return the study of a recording of these samples."""
+    wavfile.write(folder / "felt.wav", rate_hz, samples)
+    digest = hashlib.sha256((folder / "felt.wav").read_bytes()).hexdigest()
+    part = {**RECORDED["recorded"], "sha256": digest, "begins_s": 0.0, "lasts_s": 1.0, **own}
+    study = presenting(first=({"recorded": part},))
+    (folder / "study.toml").write_text(tomlkit.dumps(study), "utf-8")
+    return load(folder / "study.toml")
+
+
+HALF = (16384 * np.sin(2 * np.pi * TONE_HZ * np.arange(4000) / 4000)).astype(np.int16)
+# No two of its cycles have the same samples.
+CLIPPED = np.clip(32_000 * np.sin(np.arange(4000) * 0.1317), -20_000, 20_000).astype(np.int16)
+
+
+@pytest.mark.parametrize(
+    ("samples", "rate_hz", "own", "found"),
+    [
+        (HALF, 4000, {}, []),
+        (np.stack([HALF, HALF], axis=1), 4000, {}, [("recorded", "refuses")]),
+        (HALF[:3600], 4000, {}, [("recorded", "refuses")]),
+        (HALF, 4000, {"full_scale_m_s2": 9000.0}, [("full_scale_m_s2", "refuses")]),
+        (HALF, 4000, {"lasts_s": 0.9}, [("lasts_s", "warns")]),
+        (HALF[::4], 1000, {}, [("file", "warns")]),
+        (
+            CLIPPED,
+            4000,
+            {"full_scale_m_s2": 5.0},
+            [("file", "warns")],
+        ),
+    ],
+    ids=["good", "stereo", "short", "strong", "long", "slow", "clipped"],
+)
+def test_a_check_opens_each_recording(
+    tmp_path: Path, samples: NDArray[np.int16], rate_hz: int, own: dict[str, object], found: list[tuple[str, str]]
+) -> None:
+    every = list(fidelity.companions(written(tmp_path, samples, rate_hz, **own)))
+    assert [(one.field.rpartition(".")[2], one.verdict) for one in every] == found
+    assert all(one.remedy or one.allowed for one in every)
+
+
+def test_the_command_refuses_a_recording_that_cannot_be_played_and_tells_of_one_that_is_odd(
+    tmp_path: Path, palpate: Palpate
+) -> None:
+    written(tmp_path, np.stack([HALF, HALF], axis=1))
+    code, out, _ = palpate("check", tmp_path / "study.toml", "--json")
+    (error,) = json.loads(out)["errors"]
+    assert code != 0
+    assert error["path"].endswith("recorded")
+    written(tmp_path, HALF, lasts_s=0.9)
+    told = json.loads(palpate("check", tmp_path / "study.toml", "--json")[1])["advice"]
+    assert [one["path"].rpartition(".")[2] for one in told] == ["lasts_s"]
 
 
 def test_a_copy_of_a_protocol_has_its_recordings_beside_it(tmp_path: Path) -> None:
