@@ -44,7 +44,8 @@ def write_up(study: Study, sections: Sequence[Section], width: int) -> str:
     label = [study.label] if study.label else []
     # Answers alone are what a design has whose sections give no sentence of a paper.
     found = _results(study, rows) if "found" in rows else (one.answer for part in sections for one in part.asked)
-    methods, results = " ".join(_methods(study, rows)), " ".join(dict.fromkeys(found))
+    procedure = (said for part in sections if part.slug == "procedure" for said in part.paragraphs)
+    methods, results = " ".join((*_methods(study, rows), *procedure)), " ".join(dict.fromkeys(found))
     parts = [*label, "Methods", methods, "Results", results, CITED]
     return "\n\n".join(textwrap.fill(part, width, break_long_words=False, break_on_hyphens=False) for part in parts)
 

@@ -6,7 +6,8 @@ psychometric functions, tracks and d' go out, with the sections and figures that
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +27,7 @@ from palpate.experiment.errors import DatasetError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from palpate.experiment.protocol.models import PlannedTest
+    from palpate.experiment.protocol.models import Levels, PlannedTest
 
 THRESHOLD, SENSITIVITY = "threshold", "sensitivity"
 """The tests that a protocol may plan."""
@@ -45,6 +46,7 @@ TRACKS = (
     Column("task", left=True), Column("participant", left=True), Column("signal", left=True), Column("trials"),
     Column("threshold_db", "fit dB", 2), Column(("low", "high"), "95 % CI", 2), Column("threshold_m_s2", "m/s²", 4),
     Column("spread_db", "spread dB", 2), Column("lapse", decimals=2), Column("guess", decimals=2),
+    Column(("guess_low", "guess_high"), "guess 95 %", 2),
     Column("reversals"), Column("rule_db", "rule dB", 2), Column("rule_sd", "SD", 2),
     Column("rule_share", "at share", 3), Column("at_share_db", "fit there", 2), Column("statement", "", left=True),
 )  # fmt: skip
@@ -86,6 +88,7 @@ def sections(study: Study, found: Detections, printed: Published | None, _: Sect
     return (
         _answers(study, found, stands),
         _overview(study, found),
+        Section("procedure", "How levels, thresholds and d' came about", tuple(_procedure(study, found))),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
 
@@ -121,20 +124,29 @@ def _answer(test: str, task: TaskDetections) -> str:
 def _open(found: Detections, tasks: Sequence[str]) -> tuple[str, ...]:
     """Return a warning if the answers leave thresholds open, or nothing."""
     tracks = [one for task in found.tasks if task.task.id in tasks for one in task.tracks]
-    names = [f"sub-{one.participant} ({one.signal})" for one in tracks if one.fit and one.fit.at_bound]
+    names = [_name(one) for one in tracks if one.fit and one.fit.at_bound and not one.beyond]
     told = f"the answers of {', '.join(names)} leave the fitted threshold open on one side."
-    return (told,) if names else ()
+    beyond = [f"{_name(one)} {one.beyond}" for one in tracks if one.beyond]
+    missed = f"the threshold is not among the levels of {', '.join(beyond)}: it is in no mean."
+    return (*((told,) if names else ()), *((missed,) if beyond else ()))
+
+
+def _name(of: Track) -> str:
+    return f"sub-{of.participant} ({of.signal})"
 
 
 def _threshold_words(of: Threshold) -> str:
+    beyond = Counter(where for _, where in of.beyond)
+    missed = "".join(f", and {where} in {plural(count, 'other')}" for where, count in beyond.items())
     if of.fitted is None:
-        return f"no threshold of {of.signal}"
+        every = " and ".join(f"{where} in {plural(count, 'participant')}" for where, count in beyond.items())
+        return f"the threshold of {of.signal} is {every}" if beyond else f"no threshold of {of.signal}"
     db = of.fitted
     limits = "" if db.low is None or db.high is None else f" ({span(db.low, db.high, 2)})"
     level = f"{number(db.value, 2)} dB{limits}"
     peak = "" if of.peak_m_s2 is None else f", {of.peak_m_s2 * 10 ** (db.value / 20):.3g} m/s² at its peak,"
     beside = "" if of.by_rule is None else f", and {number(of.by_rule.value, 2)} dB by the rule of the levels"
-    return f"the mean threshold of {of.signal} is {level}{peak} in {plural(db.n, 'participant')}{beside}"
+    return f"the mean threshold of {of.signal} is {level}{peak} in {plural(db.n, 'participant')}{beside}{missed}"
 
 
 def _overview(study: Study, found: Detections) -> Section:
@@ -157,6 +169,55 @@ def _overview(study: Study, found: Detections) -> Section:
     ]
     first, *rest = section.paragraphs
     return replace(section, paragraphs=(first, f"Answers are {found.rule}.", *times, *rest))
+
+
+def _procedure(study: Study, found: Detections) -> Iterator[str]:
+    """Yield what a paper's methods say of each task, and of what was computed."""
+    for task in found.tasks:
+        plans = [part.plan(one.participant, task.task.id) for part in study.parts for one in task.tracks]
+        for levels in dict.fromkeys(one.task(task.task.id).levels for one in plans if one):
+            yield f"In {task.task.title}, {_rule(levels)}."
+        if beyond := [one for one in task.tracks if one.beyond]:
+            where = " or ".join(dict.fromkeys(one.beyond for one in beyond))
+            told = f"{len(beyond)} of {plural(len(task.tracks), 'track')} stayed at an end of the levels"
+            yield f"{told}, with a threshold {where}, which is in no mean."
+    yield (
+        "Cumulative normal functions of the level in dB were fitted to each participant's answers, with lapses of "
+        "Beta(1, 10): medians and central 95 % of the posterior (Schuett et al. 2016)."
+    )
+    trials = {one.trials for task in found.tasks for one in task.catches}
+    if found.rule == "two intervals":
+        yield "Half of the answers were taken to be right without a signal."
+    elif trials:
+        count = str(min(trials)) if len(trials) == 1 else f"{min(trials)} to {max(trials)}"
+        yield (
+            f"The share of yes without a signal was each participant's in {count} catch trials, taken as exact; its "
+            "95 % limits (Clopper and Pearson) stand beside it."
+        )
+    else:
+        yield "Without catch trials no yes was taken to be one without a signal."
+    yield f"By the rule {found.rule}, {FORMULA[found.rule]} (Macmillan and Creelman 2005), at each level by itself."
+
+
+def _rule(levels: Levels | None) -> str:
+    """Return how the levels of a task were chosen."""
+    if levels is None:
+        return "every signal had one level"
+    if levels.method == "constant":
+        return f"levels were constant stimuli: each of {len(levels.grid)} as often as any other, drawn beforehand"
+    if levels.down is not None:
+        up = levels.up or 1
+        share = (up / (up + 1)) ** (1 / levels.down)
+        source = "Levitt 1971" if up == 1 else "Kaernbach 1991"
+        steps = f", with steps of {', then '.join(map(str, levels.steps))} levels" if levels.steps else ""
+        return (
+            f"levels followed a staircase of {levels.down} down and {up} up{steps} ({source}), which settles where "
+            f"{share:.1%} are right, and ended after {plural(levels.reversals or 0, 'reversal')} at the latest"
+        )
+    return {
+        "quest-plus": "levels were chosen by QUEST+ (Watson 2017)",
+        "psi": "levels were chosen by psi (Prins 2013)",
+    }[levels.method]
 
 
 def _thresholds(found: Detections) -> Section:
@@ -196,7 +257,7 @@ def _tracks(found: Detections) -> Section:
 def _doubt(of: Track) -> str:
     """Return why a track has no threshold, or why that is doubtful, or nothing."""
     is_open = "the answers leave the threshold open on one side" if of.fit and of.fit.at_bound else ""
-    return "; ".join(filter(None, (of.estimate.statement, of.statement, is_open)))
+    return "; ".join(filter(None, (of.estimate.statement, of.statement, "" if of.beyond else is_open)))
 
 
 def _d_primes(found: Detections, least: int) -> list[Record]:

@@ -11,6 +11,9 @@ from palpate.analysis.documents import drawing
 
 HEIGHT = 1.35
 
+UNTRACKED = ("constant", "one level")
+"""Methods of levels that no answer moves, so that their order shows nothing."""
+
 
 def sheets(found: Detections, label: str, *, titles: bool = False) -> tuple[drawing.Sheet, ...]:
     """Return every figure of at least one task, below the dataset's `label`, and with `titles` below what it shows."""
@@ -37,7 +40,8 @@ def _sheets(found: Detections, label: str, *, titles: bool) -> Iterator[drawing.
             "function. The band is the 95 % interval of the threshold.",
         ),
     ):
-        for page, own in drawing.pages(tracks, HEIGHT):
+        shown = [one for one in tracks if draw is _function or one[1].estimate.method not in UNTRACKED]
+        for page, own in drawing.pages(shown, HEIGHT):
             figure, panels = drawing.sheet([HEIGHT] * len(own), name.capitalize() if titles else "", label)
             for axes, (title, one) in zip(panels, own, strict=True):
                 draw(axes, one)
@@ -56,7 +60,7 @@ def _track(axes: mpl.axes.Axes, track: Track) -> None:
     axes.plot(x[turned], y[turned], "o", color=drawing.colour(4), markerfacecolor="none", markersize=5)
     if track.estimate.db is not None:
         axes.axhline(track.estimate.db, color=drawing.colour(4), linewidth=0.8)
-    if track.fit is not None:
+    if track.fit is not None and not track.beyond:
         axes.axhspan(track.fit.threshold.low, track.fit.threshold.high, color="0.9", zorder=-1)
     axes.set_xlabel("trial of the track")
     axes.set_ylabel("level (dB)")
@@ -70,8 +74,9 @@ def _function(axes: mpl.axes.Axes, track: Track) -> None:
     if track.fit is not None:
         x = np.linspace(levels.min() - 1, levels.max() + 1, 101)
         axes.plot(x, track.fit.share(x), color=drawing.colour(4), linewidth=0.8)
-        axes.axvspan(track.fit.threshold.low, track.fit.threshold.high, color="0.9", zorder=-1)
         axes.set_xlim(x[0], x[-1])
+    if track.fit is not None and not track.beyond:
+        axes.axvspan(track.fit.threshold.low, track.fit.threshold.high, color="0.9", zorder=-1)
     axes.set_ylim(-0.05, 1.08)
     axes.set_xlabel("level (dB)")
     axes.set_ylabel("right")

@@ -7,11 +7,12 @@ order in which they were done. Answers at different levels are never counted tog
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from scipy.special import ndtri
+from scipy.stats import binomtest
 
 from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics.exact import Floats, NotDefined
@@ -36,12 +37,20 @@ TONE = {"frequency_hz", "amplitude_m_s2", "lasts_s"}
 
 NUMBERS = (
     "reversals", "rule_db", "rule_sd", "rule_share", "threshold_db", "low", "high", "threshold_m_s2", "spread_db",
-    "lapse", "guess", "frequency_hz", "threshold_rms_m_s2", "floor_rms_m_s2",
+    "lapse", "guess", "guess_low", "guess_high", "frequency_hz", "threshold_rms_m_s2", "floor_rms_m_s2",
 )  # fmt: skip
 COLUMNS = (
-    "task", "participant", "signal", "trials", "reversals", "method", *NUMBERS[1:], "open", "at_share_db", "statement",
+    "task", "participant", "signal", "trials", "reversals", "method", *NUMBERS[1:], "open", "at_share_db", "beyond",
+    "statement",
 )  # fmt: skip
 """Columns of a row for each track, and those of them that are numbers."""
+
+
+Beyond = Literal["", "above the highest level", "below the lowest level"]
+"""Where a threshold is that is none of the levels: a track stayed at an end of its grid."""
+
+STAYED = 0.5
+"""A track with more of the later half of its trials at an end of its grid stayed there; ours."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +97,10 @@ class Estimate:
 class Track:
     """One participant's trials with one signal; `peak_m_s2` is that of level 1, None where no protocol states it.
 
-    `guess` is the share right without a signal that the fit takes. `at_share_db` is where the fitted function has the
-    share of `estimate`. `statement` says why there is no fit. `frequency_hz` is that of a sinusoid, None of others.
+    `guess` is the share right without a signal that the fit takes, `guess_limits` its 95 % interval where it is that of
+    catch trials. `at_share_db` is where the fitted function has the share of `estimate`. `statement` says why there is
+    no fit, and `beyond` where the threshold is if the levels did not reach it. `frequency_hz` is that of a sinusoid,
+    None of others.
     """
 
     participant: str
@@ -103,6 +114,8 @@ class Track:
     at_share_db: float | None
     statement: str
     frequency_hz: float | None
+    beyond: Beyond = ""
+    guess_limits: tuple[float, float] | None = None
 
     @property
     def known_db(self) -> Known | None:
@@ -110,6 +123,8 @@ class Track:
 
         By the posterior of the levels, if they have one: mean and 1.96 standard deviations. Otherwise by the fit.
         """
+        if self.beyond:
+            return None
         rule = self.estimate
         if rule.method == "posterior" and rule.db is not None and rule.sd is not None:
             half = float(ndtri((1 + CONFIDENCE) / 2)) * rule.sd
@@ -137,12 +152,16 @@ class Catches:
 
 @dataclass(frozen=True)
 class Threshold:
-    """Mean thresholds of a signal over participants, dB, by the fits and by the rule of the levels."""
+    """Mean thresholds of a signal over participants, dB, by the fits and by the rule of the levels.
+
+    `beyond` are the participants without one, and where theirs is; they are in no mean.
+    """
 
     signal: str
     peak_m_s2: float | None
     fitted: Mean | None
     by_rule: Mean | None
+    beyond: tuple[tuple[str, Beyond], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -194,7 +213,8 @@ class Detections:
 
 def record(task: str, of: Track) -> dict[str, object]:
     """Return what a table has of a track."""
-    found, rule, known = of.fit, of.estimate, of.known_db
+    found, rule, known = None if of.beyond else of.fit, of.estimate, of.known_db
+    low, high = of.guess_limits or (None, None)
     return {
         "task": task, "participant": of.participant, "signal": of.signal, "trials": len(of.steps),
         "reversals": sum(step.reversal for step in of.steps), "method": rule.method, "rule_db": rule.db,
@@ -202,7 +222,8 @@ def record(task: str, of: Track) -> dict[str, object]:
         "threshold_db": found and found.threshold.value, "low": found and found.threshold.low,
         "high": found and found.threshold.high, "threshold_m_s2": of.m_s2(found.threshold.value if found else None),
         "spread_db": found and found.spread.value, "lapse": found and found.lapse.value, "guess": of.guess,
-        "open": bool(found and found.at_bound), "at_share_db": of.at_share_db, "frequency_hz": of.frequency_hz,
+        "guess_low": low, "guess_high": high, "open": bool(of.fit and of.fit.at_bound),
+        "at_share_db": None if of.beyond else of.at_share_db, "beyond": of.beyond, "frequency_hz": of.frequency_hz,
         "threshold_rms_m_s2": of.rms_m_s2(known.value if known else None),
         "floor_rms_m_s2": of.rms_m_s2(known.low if known else None),
         "statement": "; ".join(filter(None, (rule.statement, of.statement))),
@@ -263,7 +284,7 @@ def _task(study: Study, task: Task, own: Detection) -> TaskDetections:
 
 def _mean_threshold(tracks: Sequence[Track]) -> Threshold:
     """Return the means over the participants."""
-    fitted = np.array([one.fit.threshold.value for one in tracks if one.fit])
+    fitted = np.array([one.fit.threshold.value for one in tracks if one.fit and not one.beyond])
     by_rule = np.array([one.estimate.db for one in tracks if one.estimate.db is not None])
     peaks = {one.peak_m_s2 for one in tracks}
     return Threshold(
@@ -271,6 +292,7 @@ def _mean_threshold(tracks: Sequence[Track]) -> Threshold:
         next(iter(peaks)) if len(peaks) == 1 else None,
         mean(fitted) if len(fitted) else None,
         mean(by_rule) if len(by_rule) else None,
+        tuple((one.participant, one.beyond) for one in tracks if one.beyond),
     )
 
 
@@ -298,12 +320,30 @@ def _track(rows: pd.DataFrame, caught: Catches, signal: str, protocol: Protocol,
         at_share = _where(fitted, estimate.share)
     except NotDefined as error:
         statement = str(error)
+    beyond = beyond_grid(x[kept], right[kept], planned.levels, estimate.share)
+    if beyond:
+        estimate = replace(estimate, db=None, sd=None, statement=f"the threshold is {beyond}")
+    limits = None if own.intervals == 2 or not caught.trials else _exact_limits(caught)
     table = protocol.kind_table(planned)
     numbers, peak = table.numbers.get(signal, {}), table.peaks_m_s2.get(signal)
     frequency_hz = numbers["frequency_hz"] if set(numbers) == TONE else None
-    return Track(
-        caught.participant, signal, peak, steps, by_level, estimate, guess, fitted, at_share, statement, frequency_hz
-    )
+    found = estimate, guess, fitted, at_share, statement, frequency_hz, beyond, limits
+    return Track(caught.participant, signal, peak, steps, by_level, *found)
+
+
+def beyond_grid(x: Floats, right: np.ndarray, levels: Levels | None, share: float | None) -> Beyond:
+    """Return where the threshold is of a track that stayed at an end of its grid, from levels x, dB, and right answers.
+
+    Both have the shape (trials,). It is above the highest level where the later half of the trials was mostly there and
+    fewer were right than the `share` that the levels aim at; below the lowest where more were.
+    """
+    if levels is None or share is None or not len(x):
+        return ""
+    late, good = x[len(x) // 2 :], right[len(x) // 2 :]
+    low, high = (np.isclose(late, 20 * np.log10(levels.grid[end])) for end in (0, -1))
+    if high.mean() > STAYED and good[high].mean() < share:
+        return "above the highest level"
+    return "below the lowest level" if low.mean() > STAYED and good[low].mean() > share else ""
 
 
 def _where(of: Fit, share: float | None) -> float | None:

@@ -20,7 +20,7 @@ from palpate.analysis.reading.dataset import read, read_pooled
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.models import Levels
 from palpate.experiment.study.levels.quest_plus import QuestPlus
-from tests.analysis.designs.detection.sample import SIGNAL, TABLES, dataset, two_rows, yes_no_rows
+from tests.analysis.designs.detection.sample import SIGNAL, TABLES, TRACK, dataset, two_rows, yes_no_rows
 from tests.approved import anywhere
 from tests.experiment.protocol.detection import UP_DOWN
 from tests.experiment.study.levels.test_up_down import naive_reversals
@@ -180,7 +180,7 @@ def test_the_library_has_a_row_for_each_track_and_the_folder_its_figures(analyse
     frame = palpate.detect(read(analysed.datasets[0])).to_frame()
     assert frame["participant"].to_list() == ["1", "2"]
     figures = {path.stem for path in (analysed.out / "figures").iterdir()}
-    assert figures == {"tracks", "functions"}
+    assert figures == {"functions"}
 
 
 def test_a_dataset_without_its_protocol_is_refused(tmp_path: Path) -> None:
@@ -188,3 +188,41 @@ def test_a_dataset_without_its_protocol_is_refused(tmp_path: Path) -> None:
     (root / "sourcedata" / "protocol.toml").unlink()
     with pytest.raises(DatasetError):
         results.compute(read(root))
+
+
+@pytest.mark.parametrize(
+    ("track", "beyond"),
+    [("-" * 6 + "+-" * 6, "above the highest level"), ("+" * 30, "below the lowest level"), (TRACK, "")],
+    ids=["top", "bottom", "between"],
+)
+def test_a_track_that_stays_at_an_end_of_its_levels_has_no_threshold(tmp_path: Path, track: str, beyond: str) -> None:
+    root = dataset(tmp_path / "study", 2, rows={"1": two_rows(track)})
+    found = results.compute(read(root))
+    ((one,), (mean,)) = found.tasks[0].tracks, found.tasks[0].thresholds
+    assert one.beyond == beyond
+    assert (one.estimate.db is None, mean.by_rule is None, mean.fitted is None) == (bool(beyond),) * 3
+    assert mean.beyond == ((("1", beyond),) if beyond else ())
+    row = found.to_frame().iloc[0]
+    assert (row["beyond"], bool(np.isnan(row["threshold_db"]))) == (beyond, bool(beyond))
+    assert not beyond or beyond in " ".join(analyse([root], tmp_path / "out").write_up(10_000).split())
+
+
+def test_guesses_have_the_limits_of_their_catch_trials(analysed: Analysis) -> None:
+    """R 4.2.2: binom.test(2, 20) and binom.test(1, 20), $conf.int."""
+    (task,) = analysed.results.tasks
+    limits = [one.guess_limits for one in task.tracks]
+    assert np.array(limits) == pytest.approx(np.array([(0.01234853, 0.3169827), (0.001265089, 0.2487328)]), rel=1e-6)
+
+
+@pytest.mark.parametrize("which", ["analysed", "two"])
+def test_the_text_says_how_levels_and_thresholds_came_about(
+    which: str, request: pytest.FixtureRequest, approved: SnapshotAssertion
+) -> None:
+    found: Analysis = request.getfixturevalue(which)
+    (procedure,) = (one for one in found.sections if one.slug == "procedure")
+    assert "\n".join(procedure.paragraphs) == approved
+
+
+def test_levels_that_no_answer_moves_have_no_track_drawn(analysed: Analysis, two: Analysis) -> None:
+    drawn = [{path.stem for path in (one.out / "figures").iterdir()} for one in (analysed, two)]
+    assert drawn == [{"functions"}, {"tracks", "functions"}]
