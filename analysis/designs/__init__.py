@@ -52,6 +52,8 @@ class AnalysisDesign:
     """The module whose `sheets` draws results."""
     power: str = ""
     """The module that makes models of answers, if any does."""
+    thresholds: str = ""
+    """The module that simulates tracks of levels, if thresholds come of them."""
     audit: str = ""
     """The module whose `beside_print` compares results with print, if any does."""
 

@@ -1,14 +1,18 @@
 """The commands of recordings: record, validate, spectrum, plan."""
 
 import sys
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, ProtocolFile
-from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError
+from palpate.experiment.errors import Finding, Interrupted, PalpateError, RecordingError, RigError
+
+if TYPE_CHECKING:
+    from palpate.experiment.protocol.models import Protocol
 
 commands = options.room()
 
@@ -210,9 +214,24 @@ def plan(
         source, named, plans = held.plans(protocol_file, rig_file, task, recordings, bar, day(wall_ns()))
     document = {"recordings": source, "rig": named, "tasks": [one.as_dict() for one in plans]}
     heading = f"Measured with: {source}\nRig: {named}"
+    doubts = _threshold_doubts(files.load(protocol_file))
+    document["doubts"] = [one.sentence() for one in doubts]
     options.put(document if as_json else "\n\n\n".join([heading, *(one.text() for one in plans)]))
+    for one in () if as_json else doubts:
+        typer.echo(f"\n{one.sentence()}.")
     if any(one.refused for one in plans):
         raise typer.Exit(RigError.exit_code)
+
+
+def _threshold_doubts(protocol: "Protocol") -> list[Finding]:
+    """Return what is doubtful about the rules of levels of a study of thresholds."""
+    if all(task.levels is None for task in protocol.tasks):
+        return []
+    from palpate.analysis.designs import planned_design
+    from palpate.experiment.study.levels import methods
+
+    own = planned_design(protocol).thresholds
+    return list(import_module(own).doubts(protocol, methods(protocol))) if own else []
 
 
 def _speeds(text: str | None) -> tuple[float, ...]:

@@ -321,4 +321,5 @@ DESIGN = AnalysisDesign(
     methods=lambda: formulas(Path(__file__).with_name("methods.md")),
     export=_export,
     figures="palpate.analysis.designs.detection.figures",
+    thresholds="palpate.analysis.power.thresholds",
 )

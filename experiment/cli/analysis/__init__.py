@@ -2,6 +2,7 @@
 
 import re
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -163,7 +164,15 @@ def power(
     participants: Annotated[
         str, typer.Option("--participants", help="Numbers of participants to try, such as 5,10,15 or 5-30.")
     ] = PARTICIPANTS,
-    studies: Annotated[int, typer.Option("--studies", help="How many studies to simulate of each size.")] = 10_000,
+    studies: Annotated[
+        int | None,
+        typer.Option(
+            "--studies",
+            min=1,
+            help="How many studies to simulate of each size [default: 10000]; of thresholds, how many sessions of each "
+            "observer [default: 100].",
+        ),
+    ] = None,
     alpha: Annotated[
         float | None, typer.Option("--alpha", help="Level of every test [default: each test's own].")
     ] = None,
@@ -202,11 +211,13 @@ def power(
     by number of participants, with its Monte Carlo error, and the type I error where answers are right as often as by
     guessing while participants differ as much. The same seed gives the same result on any number of cores or machines.
     With --looks the answers are looked at more than once, and power, type I error and the participants on average are
-    those of stopping early.
+    those of stopping early. Of a detection with levels, bias and SD of the threshold of simulated observers are shown.
     """
+    from palpate.analysis.designs import planned_design
     from palpate.analysis.documents import output
     from palpate.analysis.power import report, sequential, simulate
     from palpate.experiment.protocol import files
+    from palpate.experiment.study.levels import methods
 
     if rule is not None and looks is None:
         raise PowerError("--rule", f"got {rule} without --looks", "say when to look", allowed="both, or neither")
@@ -214,9 +225,17 @@ def power(
     if out is not None:
         output.check(out, (), "power")
     protocol = files.load(protocol_file)
+    if (rules := methods(protocol)) and (own := planned_design(protocol).thresholds):
+        thresholds = import_module(own)
+        sessions = studies or thresholds.SESSIONS
+        off = _simulated(partial(thresholds.run, protocol, rules, sessions=sessions, seed=seed), quiet=as_json)
+        if out is not None:
+            thresholds.write(off, out)
+        options.put(thresholds.as_dict(off) if as_json else thresholds.text(off))
+        return
     _believe(Path(model))
     planned, chosen = simulate.prepare(protocol, model, alpha)
-    drawn = {"studies": studies, "seed": seed}
+    drawn = {"studies": studies or 10_000, "seed": seed}
     if looks is not None:
         at, stops = _sizes(looks, option="--looks"), rule or "obrien-fleming"
         run = partial(sequential.run, planned, chosen, study=protocol.study.id, rule=stops, looks=at, alike=alike)

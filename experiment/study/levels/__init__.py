@@ -134,6 +134,11 @@ def method_of(task: models.Task) -> Method:
     return made
 
 
+def methods(protocol: models.Protocol) -> dict[str, Method]:
+    """Return the method of each task with levels, by its id."""
+    return {task.id: method_of(task) for task in protocol.tasks if task.levels is not None}
+
+
 def _described(entry: LevelChosen | TrackEnded) -> str:
     if isinstance(entry, TrackEnded):
         return f"the end of track {entry.track} ({entry.why})"

@@ -1,0 +1,65 @@
+"""Thresholds of simulated observers: a rule's own level is met, and a rule that misses it is warned of."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from palpate.analysis.power import thresholds
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.study.levels import methods
+from tests.conftest import Palpate
+from tests.experiment.protocol.detection import UP_DOWN, protocol
+
+GRID = tuple(round(10 ** (db / 20), 6) for db in range(-40, 1, 2))
+STAIRS: dict[str, Any] = {**UP_DOWN, "grid": GRID, "reversals": 20, "steps": (3, 1)}
+
+
+def study(**levels: Any) -> Protocol:
+    return protocol(2, {**STAIRS, **levels}, repetitions=60)
+
+
+@pytest.fixture
+def one_observer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One slope and no lapses: a fit costs some 30 ms."""
+    monkeypatch.setattr(thresholds, "SPREADS_DB", (3.0,))
+    monkeypatch.setattr(thresholds, "LAPSES", (0.0,))
+
+
+@pytest.mark.usefixtures("one_observer")
+def test_a_staircase_of_many_reversals_is_near_its_own_level() -> None:
+    """Levitt (1971): 2 down, 1 up settles at 70.7 %; Garcia-Perez (1998) has it within a step for equal steps."""
+    of = study()
+    found = thresholds.run(of, methods(of), sessions=12)
+    (steep,) = found.observers
+    assert steep.rule_bias_db == pytest.approx(0.0, abs=2.0)
+    assert steep.fit_bias_db == pytest.approx(0.0, abs=2.0)
+    assert steep.fitted + steep.beyond == 12
+    assert steep.coverage is not None
+    assert steep.coverage > 0.7
+
+
+@pytest.mark.usefixtures("one_observer")
+def test_the_same_seed_gives_the_same_and_another_one_does_not() -> None:
+    of = study()
+    one, again, other = (thresholds.run(of, methods(of), sessions=2, seed=seed).observers for seed in (1, 1, 2))
+    assert one == again != other
+    assert replace(one[0], fitted=0).coverage is None
+
+
+def test_a_staircase_that_ends_before_it_arrives_is_warned_of() -> None:
+    assert list(thresholds.doubts(study(), {})) == []
+    short = study(first=1.0, reversals=4, steps=(1,), down=3)
+    (doubt,) = thresholds.doubts(short, methods(short))
+    assert doubt.verdict == "warns"
+
+
+@pytest.mark.usefixtures("one_observer")
+def test_the_command_show_the_bias(palpate: Palpate) -> None:
+    code, out, _ = palpate("power", "protocols/threshold.toml", "--studies", "2", "--json")
+    found = json.loads(out)
+    assert (code, len(found["observers"])) == (0, 1)
+    assert {"rule_bias_db", "fit_bias_db", "coverage", "beyond"} <= found["observers"][0].keys()
