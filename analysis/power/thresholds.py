@@ -24,7 +24,7 @@ from palpate.analysis.documents.tables import text as in_terminal
 from palpate.analysis.power.simulate import LABEL
 from palpate.analysis.statistics.exact import NotDefined
 from palpate.analysis.statistics.psychophysics.psychometric import fit, psychometric
-from palpate.experiment.errors import Finding
+from palpate.experiment.errors import Finding, PowerError
 from palpate.experiment.protocol.designs.detection import Detection
 from palpate.experiment.protocol.models import Levels, Task
 from palpate.experiment.protocol.models import Protocol as StudyProtocol
@@ -109,7 +109,12 @@ def run(
     total: Callable[[int], None] = lambda _: None,
     tick: Callable[[], None] = lambda: None,
 ) -> Thresholds:
-    """Return bias, SD and coverage for every task of which there is a rule, by its id."""
+    """Return bias, SD and coverage for every task of which there is a rule, by its id.
+
+    Raises `PowerError` for less than one session.
+    """
+    if sessions < 1:
+        raise PowerError("--studies", f"got {sessions}", "give more", allowed="1 or more")
     total(len(rules) * len(SPREADS_DB) * len(LAPSES))
     found = []
     for task in (one for one in protocol.tasks if one.id in rules):

@@ -168,7 +168,6 @@ def power(
         int | None,
         typer.Option(
             "--studies",
-            min=1,
             help="How many studies to simulate of each size [default: 10000]; of thresholds, how many sessions of each "
             "observer [default: 100].",
         ),
@@ -227,7 +226,7 @@ def power(
     protocol = files.load(protocol_file)
     if (rules := methods(protocol)) and (own := planned_design(protocol).thresholds):
         thresholds = import_module(own)
-        sessions = studies or thresholds.SESSIONS
+        sessions = thresholds.SESSIONS if studies is None else studies
         off = _simulated(partial(thresholds.run, protocol, rules, sessions=sessions, seed=seed), quiet=as_json)
         if out is not None:
             thresholds.write(off, out)
@@ -235,7 +234,7 @@ def power(
         return
     _believe(Path(model))
     planned, chosen = simulate.prepare(protocol, model, alpha)
-    drawn = {"studies": studies or 10_000, "seed": seed}
+    drawn = {"studies": 10_000 if studies is None else studies, "seed": seed}
     if looks is not None:
         at, stops = _sizes(looks, option="--looks"), rule or "obrien-fleming"
         run = partial(sequential.run, planned, chosen, study=protocol.study.id, rule=stops, looks=at, alike=alike)
