@@ -346,6 +346,12 @@ def beyond_grid(x: Floats, right: np.ndarray, levels: Levels | None, share: floa
     return "below the lowest level" if low.mean() > STAYED and good[low].mean() > share else ""
 
 
+def _exact_limits(caught: Catches) -> tuple[float, float]:
+    """Return the 95 % limits of the share of yes (Clopper and Pearson 1934, Biometrika 26, 404-413)."""
+    limits = binomtest(caught.false_alarms, caught.trials).proportion_ci(CONFIDENCE)
+    return float(limits.low), float(limits.high)
+
+
 def _where(of: Fit, share: float | None) -> float | None:
     """Return at how many dB the fitted function has a share of right answers, by its medians."""
     if share is None or not 0 < (felt := (share - of.guess) / (1 - of.guess - of.lapse.value)) < 1:
