@@ -202,4 +202,5 @@ def test_one_recording_under_two_names_is_worth_a_second_look() -> None:
     named = {"recorded": {**RECORDED["recorded"], "file": "other.wav"}}
     stimuli = (first, {**second, "parts": (named,)}, *others)
     odd = advice(ProtocolFile.model_validate(study | {"presented": study["presented"] | {"stimuli": stimuli}}))
-    assert [found.field for found in odd if found.field.startswith("presented")] == ["presented.stimuli[1].parts"]
+    (field,) = (found.field for found in odd if found.field.startswith("presented"))
+    assert "[1]" in field
