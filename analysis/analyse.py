@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from palpate.analysis import designs, published
+from palpate.analysis.conditions.touched import touched_section
 from palpate.analysis.documents import page
 from palpate.analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from palpate.analysis.documents.tables import WIDTH, Section, text
@@ -107,7 +108,7 @@ def analyse(
     found = design.compute(study, printed, dissimilarities)
     audit = designs.optional(design.audit) if design.audit and printed else None
     section, comparison = audit.beside_print(study, found, printed) if audit else (None, None)
-    parts = design.sections(study, found, printed, section)
+    parts = (*design.sections(study, found, printed, section), *touched_section(study))
     audited = {"comparison": comparison} if design.audit else {}
     numbers = _plain({**_facts(study), **design.numbers(found), **audited})
     say("Drawing figures and writing the report" if figures else "Writing the report")

@@ -57,6 +57,9 @@ OF_STEPS = {
 THIRDS = 18
 """So many third octaves are from 10 to 500 Hz."""
 
+TOUCHED = ("Contactor", "Touch")
+"""Keys of a sidecar that say what the skin touched."""
+
 PRESENTED = ("presented", *PLACES)
 """Columns that say what a trial presented; a kind has the first, or the others."""
 
@@ -79,6 +82,7 @@ def read(root: Path) -> Study:
     columns: dict[str, list[object]] = {}
     session_ids: dict[tuple[str, str], str] = {}
     forces: dict[tuple[str, str], tuple[Path, ...]] = {}
+    touched: dict[tuple[str, str], dict[str, Any]] = {}
     tasks: dict[str, Task] = {}
     materials: tuple[str, ...] = ()
     asked: dict[str, TaskDesign] = {}
@@ -109,6 +113,7 @@ def read(root: Path) -> Study:
             if (session_id := sidecar.get("SessionId")) is not None:
                 _check_new(str(session_id), session_ids, beside)
                 session_ids[participant, task] = str(session_id)
+            touched[participant, task] = {key: sidecar[key] for key in TOUCHED if key in sidecar}
             pattern = escape(path.name.removesuffix("events.tsv")) + "recording-force*_physio.tsv.gz"
             forces[participant, task] = tuple(sorted(path.parent.glob(pattern)))
             levels = _Levels(shown, own, facts["Origin"], facts.get("Format") != storage.DATASET_FORMAT)
@@ -130,7 +135,7 @@ def read(root: Path) -> Study:
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
         parts=(Part(root.resolve().name, tuple(withdrawn), names, protocol, sealed, _anchors(root), versions,
                     tuple(facts.get("Incidents", ()))),),
-        designs=asked, forces=forces, facts=facts_of_people,
+        designs=asked, forces=forces, facts=facts_of_people, touched=touched,
     )  # fmt: skip
 
 
@@ -281,6 +286,9 @@ def _sidecar(path: Path) -> dict[str, Any]:
     answers = sidecar.get("Answers", [])
     if not (isinstance(answers, list) and all(isinstance(answer, str) for answer in answers)):
         raise _wrong(path, "Answers", answers, "a list of texts")
+    touched = [sidecar.get(key, {}) for key in TOUCHED]
+    if not all(isinstance(one, dict) for one in (*touched, *touched[1].values())):
+        raise _wrong(path, " and ".join(TOUCHED), touched, "objects")
     for key, known in (("Kind", kinds.NAMES), ("Design", designs.NAMES)):
         if sidecar.get(key) not in known:
             raise _wrong(path, key, sidecar.get(key), ", ".join(known))
@@ -492,7 +500,7 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
     )
 
 
-BY_PERSON = ("first_tasks", "session_ids", "forces", "facts")
+BY_PERSON = ("first_tasks", "session_ids", "forces", "facts", "touched")
 """What a study has by participant."""
 
 
@@ -578,6 +586,7 @@ def _renamed(study: Study, name: str) -> Study:
         facts={(f"{name}-{who}", column): cell for (who, column), cell in study.facts.items()},
         session_ids={(f"{name}-{who}", task): one for (who, task), one in study.session_ids.items()},
         forces={(f"{name}-{who}", task): one for (who, task), one in study.forces.items()},
+        touched={(f"{name}-{who}", task): one for (who, task), one in study.touched.items()},
         attempts=study.attempts.assign(participant=[f"{name}-{who}" for who in study.attempts["participant"]]),
         exclusions=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.exclusions),
         unasked=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.unasked),

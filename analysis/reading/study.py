@@ -225,11 +225,11 @@ class Study:
 
     `origin` is one of `dataset.ORIGINS`; `label` heads everything made from the study, and is empty for a study's
     own data. `first_tasks` gives participant -> task, `session_ids` participant and task -> id, where known,
-    `forces` the tables of what a servo sent, `facts` participant and column -> the cell of participants.tsv.
-    `attempts` has a row for each attempt: participant, task, trial, attempt, counted, presented, answered,
-    response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason, included,
-    and the columns of `dataset.FURTHER`, sent_thirds and heard_thirds (dB, or None), heard_of (whose), and those
-    that say what a design presented. `designs` are by task, and of one name. `ordered`: trials are numbered as they
+    `forces` the tables of what a servo sent, `facts` participant and column -> the cell of participants.tsv,
+    `touched` the keys Contactor and Touch of sidecars. `attempts` has a row for each attempt: participant, task,
+    trial, attempt, counted, presented, answered, response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or
+    NaN), onset_error_s, redo_reason, included, and the columns of `dataset.FURTHER`, sent_thirds and heard_thirds
+    (dB, or None), heard_of (whose), and those that say what a design presented. `designs` are by task, and of one name. `ordered`: trials are numbered as they
     were done.
     """
 
@@ -250,6 +250,7 @@ class Study:
     ordered: bool = True
     forces: Mapping[tuple[str, str], tuple[Path, ...]] = field(default_factory=dict)
     facts: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    touched: Mapping[tuple[str, str], Mapping[str, Any]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         counted, tasks = int(self.attempts["included"].sum()), ", ".join(task.id for task in self.tasks)

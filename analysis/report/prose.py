@@ -57,6 +57,7 @@ def _methods(study: Study, rows: Sections) -> Iterator[str]:
         silent = f", {one['without_answer']} without an answer" if one["without_answer"] else ""
         people, trials = plural(one["participants"], "participant"), plural(one["trials"], "trial")
         yield f"In {one['title']}, {people} did {trials}{chance}{silent} {row}."
+    yield from _touched(rows.get("touched", ()))
     yield left_and_sure(study, "The command palpate verify")
     for plan in dict.fromkeys(study.plans()):
         holm = "" if plan.correction is None else f", p by Holm over the {plan.correction}"
@@ -69,6 +70,30 @@ def _methods(study: Study, rows: Sections) -> Iterator[str]:
             "participant, Clopper and Pearson's."
         )
     yield f"palpate {software.this().version} made all analyses."
+
+
+def _touched(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield what the skin touched: a sentence of the apparatus, and one of each thing that was recorded."""
+    parts = []
+    for row in (row for row in rows if row.record["quantity"] == "contactor"):
+        one = row.record
+        stated = one["value"] if one.get("value") else f"{one['mean']:g} {one['unit']}"
+        parts.append(f"{one['of']} {stated} {row}")
+    if parts:
+        yield f"Of the apparatus: {'; '.join(parts)}."
+    for row in (row for row in rows if row.record["quantity"] == "number"):
+        one = row.record
+        unit, spread = f" {one['unit']}" if one["unit"] else "", "" if one["sd"] is None else f", SD = {one['sd']:.2f}"
+        sessions = plural(one["sessions"], "session")
+        yield f"{one['of'].capitalize()}: M = {one['mean']:.2f}{unit}{spread}, in {sessions} {row}."
+    chosen = [row for row in rows if row.record["quantity"] == "choice"]
+    for name in dict.fromkeys(row.record["of"] for row in chosen):
+        counts = [
+            f"{row.record['value']} in {plural(row.record['sessions'], 'session')} {row}"
+            for row in chosen
+            if row.record["of"] == name
+        ]
+        yield f"{name.capitalize()}: {', '.join(counts)}."
 
 
 def _results(study: Study, rows: Sections) -> Iterator[str]:

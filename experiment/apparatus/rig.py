@@ -436,6 +436,22 @@ class AnchorsRig(Confined):
     key: Elsewhere | None = None
 
 
+class ContactorRig(Confined):
+    """What touches the skin, for the methods of a paper (ISO 13091-1 lists it for thresholds of vibration).
+
+    Attributes:
+        part: what touches, and which part of the body.
+        area_mm2: of the contact.
+        gap_mm: from the contactor to its surround; without a surround, none.
+        static_force_n: with which the skin rests on it, where the apparatus sets it.
+    """
+
+    part: Line
+    area_mm2: Annotated[float, Field(gt=0)] | None = None
+    gap_mm: Annotated[float, Field(ge=0)] | None = None
+    static_force_n: Annotated[float, Field(ge=0)] | None = None
+
+
 class StopsRig(Confined):
     """Stops outside palpate: software is no safety function.
 
@@ -491,6 +507,7 @@ class Rig(Confined):
         pedal: the participant's pedal or button that stops everything, where there is one.
         buttons: the participant's buttons for answers, where there are any.
         triggers: what tells other machines of events, by numbers; nothing is sent without it.
+        contactor: what touches the skin, for the dataset and the methods of a paper.
     """
 
     RULES: ClassVar[Rules] = _rig_rules
@@ -508,6 +525,7 @@ class Rig(Confined):
     pedal: PedalRig | None = Field(None, json_schema_extra={"since": 3})
     buttons: ButtonsRig | None = Field(None, json_schema_extra={"since": 6})
     triggers: tuple[TriggerRig, ...] | None = Field(None, json_schema_extra={"since": 6})
+    contactor: ContactorRig | None = Field(None, json_schema_extra={"since": 6})
 
     _folder: Path | None = PrivateAttr(None)
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TypeVar
 
 from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.checks import Dataset, Each, load_sound
 from palpate.experiment.errors import DatasetError
@@ -91,8 +92,21 @@ def session_table(
     """Return the table of a session, from what its journal, at this path, contains, and what describes it."""
     origin, header = ORIGINS[purpose], contents.header
     task = protocol.task(header.task)
-    text = task_text(protocol, task, origin, header.session_id)
+    text = replace(task_text(protocol, task, origin, header.session_id), notes=touched(protocol, path, contents))
     return bids.events(root, header.participant, text, event_rows(kind_of(task), path, contents, origin))
+
+
+def touched(
+    protocol: Protocol, path: Path, contents: journal.Contents, *, shared: bool = False
+) -> Mapping[str, object]:
+    """Return what the skin touched in a session, for its sidecar: the rig's contactor, and what was asked of it."""
+    rig_file, found = storage.rig_path(path), dict[str, object]()
+    if rig_file.exists() and (part := rigs.load(rig_file).contactor) is not None:
+        found["Contactor"] = part.model_dump(exclude_none=True)
+    if getattr(protocol, "asked", None) is not None:
+        phenotype = import_module("palpate.experiment.dataset.phenotype")
+        found |= phenotype.touched(protocol, contents, shared=shared)
+    return found
 
 
 def study_files(root: Path, dataset: Dataset) -> bids.Files:

@@ -9,9 +9,11 @@ from pathlib import Path
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.checks import Dataset
-from palpate.experiment.protocol.asked import Asked, Questionnaire
+from palpate.experiment.protocol.asked import TOUCH, Asked, Questionnaire
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Questioned
+from palpate.experiment.records.journal import Contents
 
 
 def files(root: Path, dataset: Dataset, origin: bids.Origin) -> bids.Files:
@@ -34,7 +36,7 @@ def shared(part: Path, dataset: Dataset, labels: Mapping[str, str], origin: bids
     known = {one.id: one for one in asked.questionnaires} if asked is not None else {}
     answers = _answers(dataset)
     written: bids.Files = {}
-    for one in (known[name] for name in (sharing.questionnaires if sharing is not None else ())):
+    for one in (known[name] for name in (sharing.questionnaires if sharing is not None else ()) if name in known):
         kept = one.model_copy(update={"items": tuple(item for item in one.items if item.answer != "text")})
         rows = {
             labels[who]: {item.id: row[item.id] for item in kept.items if item.has(str(row.get(item.id)))}
@@ -43,6 +45,21 @@ def shared(part: Path, dataset: Dataset, labels: Mapping[str, str], origin: bids
         }
         written |= _table(part, kept, rows, origin) if rows and kept.items else {}
     return written
+
+
+def touched(protocol: Protocol, contents: Contents, *, shared: bool = False) -> dict[str, object]:
+    """Return the key of a session's sidecar with what the skin touched: each item, and what was answered, if anything.
+
+    A `shared` copy has no texts, and nothing where the protocol does not share it.
+    """
+    asked, sharing = protocol.table(Asked), protocol.sharing
+    if not asked.touch or (shared and (sharing is None or TOUCH not in sharing.questionnaires)):
+        return {}
+    given = {
+        one.item: one.answer for one in contents.entries if isinstance(one, Questioned) if one.questionnaire == TOUCH
+    }
+    items = [item for item in asked.touch if not (shared and item.answer == "text")]
+    return {"Touch": {one.id: {**one.column(), "Value": given.get(one.id)} for one in items}}
 
 
 def _questionnaires(dataset: Dataset) -> dict[str, Questionnaire]:

@@ -56,13 +56,15 @@ def criteria_sha256(criteria: Iterable[str]) -> str:
 def sharing_sha256(protocol: Protocol) -> str:
     """Return the SHA-256 of what participants are asked to share, 64 hexadecimal digits; empty for nothing.
 
-    Beside the table `[sharing]` these are the facts and the questionnaires that it names, as they are asked.
+    Beside the table `[sharing]` these are the facts and the questionnaires that it names, as they are asked, and
+    `[[asked.touch]]`.
     """
     if (rule := protocol.sharing) is None:
         return ""
     shared: list[BaseModel] = [rule]
     for asked, names in (("people", rule.facts), ("questionnaires", rule.questionnaires)):
         shared += [one for one in getattr(getattr(protocol, "asked", None), asked, ()) if one.id in names]
+    shared += getattr(getattr(protocol, "asked", None), "touch", ()) if "touch" in rule.questionnaires else ()
     text = "".join(one.model_dump_json(exclude_defaults=True) for one in shared)
     return hashlib.sha256(text.encode()).hexdigest()
 

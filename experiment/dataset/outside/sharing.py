@@ -287,7 +287,8 @@ def _session(part: Path, dataset: Dataset, path: Path, label: str) -> bids.Files
             row["redo_reason"] = NOT_SHARED
         for column in VOICE:
             row.pop(column, None)
-    files = bids.events(part, label, build.task_text(protocol, task, origin), rows)
+    notes = build.touched(protocol, path, contents, shared=True)
+    files = bids.events(part, label, replace(build.task_text(protocol, task, origin), notes=notes), rows)
     for sidecar in (file for file in files if file.suffix == ".json"):
         described = {"Description": "Trials of one session.", **json.loads(files[sidecar])}
         files[sidecar] = storage.json_bytes(described)

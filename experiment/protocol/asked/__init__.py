@@ -47,6 +47,9 @@ LONGEST = 400
 MOST = 1e9
 """No number is larger, or smaller with the other sign."""
 
+TOUCH = "touch"
+"""Stands for the id of a questionnaire where answers to `[[asked.touch]]` are recorded or shared."""
+
 Value = str | int | float
 
 _NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[+-]?[0-9]+)?", re.IGNORECASE)
@@ -225,10 +228,21 @@ class Asked(Confined):
     Attributes:
         people: facts about themselves, at enrolment.
         questionnaires: questions before or after a task.
+        touch: what the skin touches, such as its temperature, footwear, posture and static force, recorded before every
+            task; a number is best measured.
     """
 
     people: tuple[Fact, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
+    touch: Annotated[tuple[Item, ...], Field(max_length=20)] = ()
+
+    def of_task(self, task_id: str, when: str) -> tuple[Questionnaire, ...]:
+        """Return the questionnaires before or after a task; what the skin touches comes last before it."""
+        own = tuple(one for one in self.questionnaires if (one.task, one.when) == (task_id, when))
+        if not self.touch or when == "after":
+            return own
+        touch = Questionnaire(id=TOUCH, title="What the skin touches", task=task_id, when="before", items=self.touch)
+        return (*own, touch)
 
 
 def values(protocol: Protocol, fact: str) -> tuple[str, ...]:
@@ -243,10 +257,13 @@ def broken(table: Table) -> Iterator[Broken]:
     people, questionnaires = tables_at(asked, "people"), tables_at(asked, "questionnaires")
     yield from _once(people, ("asked", "people"))
     yield from _once(questionnaires, ("asked", "questionnaires"))
+    yield from _once(tables_at(asked, "touch"), ("asked", "touch"))
     tasks = [one.get("id") for _, one in tables_at(table, "tasks")]
     for i, one in questionnaires:
         if one.get("id") in DEVICES:
             yield Broken(("asked", "questionnaires", i, "id"), NO_DEVICE)
+        if one.get("id") == TOUCH:
+            yield Broken(("asked", "questionnaires", i, "id"), f"another name: '{TOUCH}' stands for [[asked.touch]]")
         if one.get("task") not in tasks:
             yield Broken(("asked", "questionnaires", i, "task"), f"a task, one of: {', '.join(map(str, tasks))}")
         items = tables_at(one, "items")
@@ -255,8 +272,10 @@ def broken(table: Table) -> Iterator[Broken]:
             if item.get("id") == OURS[0]:
                 yield Broken(("asked", "questionnaires", i, "items", j, "id"), f"another name than {OURS[0]}")
     for i, name in enumerate(list_at(sharing, "questionnaires")):
-        if name not in [one.get("id") for _, one in questionnaires]:
-            yield Broken(("sharing", "questionnaires", i), "the id of one of [[asked.questionnaires]]")
+        known = [one.get("id") for _, one in questionnaires] + [TOUCH] * bool(list_at(asked, "touch"))
+        if name not in known:
+            allowed = f"the id of one of [[asked.questionnaires]], or '{TOUCH}' for [[asked.touch]]"
+            yield Broken(("sharing", "questionnaires", i), allowed)
     of = {one.get("id"): one for _, one in people}
     columns: set[str] = set()
     for i, name in enumerate(list_at(sharing, "facts")):

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from palpate.experiment.protocol.asked import Asked, Question
+from palpate.experiment.protocol.asked import TOUCH, Asked, Question
 from palpate.experiment.protocol.blocks import Block, Free, Gap, Said, facts, named
 from palpate.experiment.protocol.models import Protocol
 
@@ -35,6 +35,16 @@ def recorded(protocol: Protocol) -> Iterator[Block]:
             ("Shared", "yes, but for texts" if shared else "no"),
         )
         for item in form.items:
+            yield Gap()
+            yield facts(*_question(item))
+        yield Gap()
+    if asked.touch:
+        shared = protocol.sharing is not None and TOUCH in protocol.sharing.questionnaires
+        yield Said(
+            "Before the familiarisation of every task it is recorded what the skin touches; nobody has to answer. This "
+            f"is kept with the trials, and {'shared, but for texts' if shared else 'not shared'}."
+        )
+        for item in asked.touch:
             yield Gap()
             yield facts(*_question(item))
         yield Gap()

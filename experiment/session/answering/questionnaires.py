@@ -15,12 +15,11 @@ def ask(protocol: Protocol, task_id: str, when: Literal["before", "after"], cons
 
     Raises `PauseAsked` where the session pauses at an item, which is asked again when it goes on.
     """
-    for one in protocol.table(Asked).questionnaires:
-        if (one.task, one.when) == (task_id, when):
-            for item in one.items:
-                entry = entries.Questioned(questionnaire=one.id, item=item.id, answer=None)
-                if entry.step not in log.done.visited:
-                    log.write(entry.model_copy(update={"answer": _answer(one, item, console)}))
+    for one in protocol.table(Asked).of_task(task_id, when):
+        for item in one.items:
+            entry = entries.Questioned(questionnaire=one.id, item=item.id, answer=None)
+            if entry.step not in log.done.visited:
+                log.write(entry.model_copy(update={"answer": _answer(one, item, console)}))
 
 
 def _answer(questionnaire: Questionnaire, item: Item, console: Console) -> str | int | float | None:

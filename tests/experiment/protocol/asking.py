@@ -93,6 +93,27 @@ answer = "text"
 """
 
 
+TOUCH = """[[asked.touch]]
+id = "skin_temperature"
+question = "Temperature of the sole, measured"
+answer = "number"
+least = 10
+most = 45
+unit = "°C"
+
+[[asked.touch]]
+id = "footwear"
+question = "What is between skin and panel?"
+answer = "choice"
+values = ["nothing", "sock", "shoe"]
+
+[[asked.touch]]
+id = "posture"
+question = "How do they stand?"
+answer = "text"
+"""
+
+
 def asked(task: str) -> dict[str, Any]:
     """The table of both, with the questionnaires of this task, as models have arrays."""
     found: dict[str, Any] = _frozen(tomllib.loads(f"{PEOPLE}\n{FORMS}"))["asked"]

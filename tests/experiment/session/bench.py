@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +100,7 @@ class Bench:
     keeps_voices: bool = False
     last: bool = False
     noise: str = ""
+    rig_file: Path = field(default_factory=lambda: shipped("rigs/rehearsal.toml"))
 
     def materials(self, protocol: Protocol) -> dict[str, Basis]:
         silent = {m.id: given([0.0], material=m.id).basis for m in protocol.materials}
@@ -123,12 +124,11 @@ class Bench:
             priority=self.priority,
             listening=Listening(self.microphone, self.computing) if self.microphone and self.computing else None,
         )
-        rig_file = shipped("rigs/rehearsal.toml")
         return runner.run(
             protocol=protocol,
             header=asked,
             devices=devices,
-            rig_file=rig_file,
+            rig_file=self.rig_file,
             dataset=dataset,
             keeps_voices=self.keeps_voices,
             last=self.last,

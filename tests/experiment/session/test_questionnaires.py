@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import re
 import shutil
 from collections import deque
 from collections.abc import Iterable
@@ -11,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from palpate.analysis.analyse import analyse
 from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, phenotype
 from palpate.experiment.dataset.outside import sharing
@@ -19,12 +23,13 @@ from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.questions import Reply, Report
 from palpate.experiment.errors import PauseAsked, RosterError
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Answer, Footer, Phase, Questioned
 from palpate.experiment.study import enrolment, withdrawal
 from tests.experiment.dataset.outside.test_sharing import licensed
 from tests.experiment.dataset.studies import MadeStudy, framed, make_study
-from tests.experiment.protocol.asking import FORMS, SHARING, asking
+from tests.experiment.protocol.asking import FORMS, SHARING, TOUCH, asking
 from tests.experiment.session.bench import Bench
 from tests.experiment.session.scripted import (
     START_NS,
@@ -35,6 +40,8 @@ from tests.experiment.session.scripted import (
 )
 
 ALLOWED = SHARING.replace('facts = ["age", "sex"]', 'questionnaires = ["before", "afterwards"]')
+
+RIG = shipped("rigs/rehearsal.toml")
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +56,13 @@ def study(begun: Path, tmp_path: Path) -> MadeStudy:
     return MadeStudy(folder / "study.toml", folder / "dataset")
 
 
-def run(study: MadeStudy, typed: Iterable[str], keys: str = "capt", participant: str = "01") -> list[str]:
+def run(
+    study: MadeStudy,
+    typed: Iterable[str],
+    keys: str = "capt",
+    participant: str = "01",
+    rig_file: Path = RIG,
+) -> list[str]:
     """Run a task with questionnaires, or the rest of it; return what is left of what is typed; `|` pauses there."""
     left, clock = deque(typed), ManualClock(START_NS)
 
@@ -62,7 +75,8 @@ def run(study: MadeStudy, typed: Iterable[str], keys: str = "capt", participant:
     console.instead[Report] = write
     steps = [framed(step_samples(600_000 * n, 100.0 * n)) for n in range(1, len(keys) + 1)]
     devices = ScriptedTracker(steps, clock=clock), console, ScriptedActuator()
-    Bench(*devices, clock, []).run(study.protocol, study.header(participant, "virtual"), study.root)
+    header = study.header(participant, "virtual").model_copy(update={"rig_sha256": rigs.sha256(rigs.load(rig_file))})
+    Bench(*devices, clock, [], rig_file=rig_file).run(study.protocol, header, study.root)
     return [*left]
 
 
@@ -157,6 +171,66 @@ def test_an_agreement_is_to_the_items_and_what_is_no_answer_to_one_today_is_not_
     tables = phenotype.shared(tmp_path, changed, {"01": "07"}, "PARTICIPANT")
     table = {path.name: content.decode().split("\n")[1] for path, content in tables.items() if path.suffix == ".tsv"}
     assert table == {"before.tsv": "sub-07\tn/a\tshoes", "afterwards.tsv": "sub-07\t10\tn/a"}
+
+
+@pytest.fixture(scope="module")
+def touching(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
+    shared = SHARING.replace('facts = ["age", "sex"]', 'questionnaires = ["touch"]')
+    place = tmp_path_factory.mktemp("touched") / "study"
+    study = make_study(place, sessions=0, enrolled=2, further=asking(shared, TOUCH))
+    rig = place / "rig.toml"
+    text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("format = 2", "format = 6")
+    rig.write_text(f'{text}\n[contactor]\npart = "panel"\narea_mm2 = 9000.0\n', "utf-8")
+    response = shipped("rigs/rehearsal-response.csv")
+    shutil.copy(response, place / response.name)
+    run(study, ["31,5", "sock", "standing"], rig_file=rig)
+    run(study, ["30.5", "2", "", "left-over"], participant="02", rig_file=rig)
+    build.build(study.root)
+    return study
+
+
+def test_what_the_skin_touched_is_asked_before_a_task_and_stands_in_its_sidecar(touching: MadeStudy) -> None:
+    assert answers(touching) == {
+        "touch.skin_temperature": 31.5,
+        "touch.footwear": "sock",
+        "touch.posture": "standing",
+    }
+    assert not (touching.root / "phenotype").exists()
+    sidecar = json.loads((touching.root / "sub-01" / "beh" / "sub-01_task-virtual_events.json").read_text("utf-8"))
+    assert sidecar["Contactor"] == {"part": "panel", "area_mm2": 9000.0}
+    assert {name: one["Value"] for name, one in sidecar["Touch"].items()} == {
+        "skin_temperature": 31.5,
+        "footwear": "sock",
+        "posture": "standing",
+    }
+    assert sidecar["Touch"]["skin_temperature"]["Units"] == "°C"
+
+
+def test_methods_say_what_the_skin_touched_each_number_with_its_row(touching: MadeStudy, tmp_path: Path) -> None:
+    found = analyse((touching.root,), tmp_path / "out", figures=False)
+    rows = [*csv.DictReader((tmp_path / "out" / "tables" / "touched.csv").read_text("utf-8-sig").splitlines())]
+    by_name = {(row["of"], row["value"]): row for row in rows}
+    assert by_name["contact area", ""]["mean"] == "9000.0"
+    warm = by_name["skin temperature", ""]
+    # By hand: 31.5 and 30.5.
+    assert (warm["sessions"], warm["mean"], round(float(warm["sd"]), 4)) == ("2", "31.0", 0.7071)
+    assert by_name["footwear", "sock"]["sessions"] == "2"
+    assert not any(row["of"] == "posture" for row in rows)
+    line = 2 + rows.index(warm)
+    (sentence,) = (one for one in " ".join(found.write_up(92).split()).split(". ") if f"{{touched.csv {line}}}" in one)
+    assert re.findall(r"[0-9]+\.[0-9]+", sentence) == ["31.00", "0.71"]
+
+
+def test_a_copy_for_others_has_what_the_skin_touched_without_texts(touching: MadeStudy, tmp_path: Path) -> None:
+    licensed(touching)
+    for label in ("01", "02"):
+        enrolment.sharing(touching.file, label, True, root=touching.root)
+    build.build(touching.root)
+    out = sharing.share(touching.root, tmp_path / "copy").root
+    sidecars = [json.loads(path.read_text("utf-8")) for path in out.glob("sub-*/beh/*_events.json")]
+    assert sorted(one["Touch"]["skin_temperature"]["Value"] for one in sidecars) == [30.5, 31.5]
+    assert [[*one["Touch"]] for one in sidecars] == [["skin_temperature", "footwear"]] * 2
+    assert verify(out).refused == 0
 
 
 def test_a_session_without_questionnaires_writes_none(tmp_path: Path) -> None:

@@ -1,0 +1,1 @@
+"""How answers were given, whatever was asked: what the skin touched, and whether the sound was masked."""
