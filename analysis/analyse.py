@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from palpate.analysis import designs, published
+from palpate.analysis.conditions import control
 from palpate.analysis.conditions.touched import touched_section
 from palpate.analysis.documents import page
 from palpate.analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
@@ -99,7 +100,7 @@ def analyse(
         raise DatasetError("--out", "got none", "name it", allowed="a folder for the results of several datasets")
     place = out or datasets[0] / DERIVATIVES / "palpate"
     check(place, (), "analyse")
-    study = read_pooled(datasets)
+    study, controlled = control.apart(read_pooled(datasets))
     if not study.attempts["included"].any():
         raise nothing_left(", ".join(map(str, datasets)), study.exclusions)
     printed = published.load(study.id)
@@ -108,9 +109,13 @@ def analyse(
     found = design.compute(study, printed, dissimilarities)
     audit = designs.optional(design.audit) if design.audit and printed else None
     section, comparison = audit.beside_print(study, found, printed) if audit else (None, None)
-    parts = (*design.sections(study, found, printed, section), *touched_section(study))
+    first, *others = design.sections(study, found, printed, section)
+    # Whether the sound was masked stands before the answers that it may explain.
+    first = replace(first, paragraphs=(*(one.sentence for one in controlled), *first.paragraphs))
+    parts = (first, *others, *control.control_section(controlled), *touched_section(study))
     audited = {"comparison": comparison} if design.audit else {}
-    numbers = _plain({**_facts(study), **design.numbers(found), **audited})
+    masked = {"control": controlled} if controlled else {}
+    numbers = _plain({**_facts(study), **design.numbers(found), **audited, **masked})
     say("Drawing figures and writing the report" if figures else "Writing the report")
     drawn = import_module(design.figures).sheets(found, study.label, titles=titles) if figures else ()
     # With the study in its caption each figure can stand alone.

@@ -42,7 +42,7 @@ def _records(study: Study) -> Iterator[Record]:
         study.touched.get(key, {}) for key in dict.fromkeys(zip(left["participant"], left["task"], strict=True))
     ]
     contactors = [one["Contactor"] for one in sessions if "Contactor" in one]
-    for part, count in Counter(one.get("part") for one in contactors).items():
+    for part, count in Counter(str(one.get("part")) for one in contactors).items():
         yield {"quantity": "contactor", "of": "contactor", "value": part, "sessions": count}
     for key, (words, unit) in CONTACTOR.items():
         for stated, count in Counter(one[key] for one in contactors if key in one).items():
@@ -52,11 +52,11 @@ def _records(study: Study) -> Iterator[Record]:
         for name, item in one.get("Touch", {}).items():
             if (value := item.get("Value")) is not None and ("Levels" in item or isinstance(value, int | float)):
                 answered.setdefault((name.replace("_", " "), item.get("Units")), []).append(value)
-    for (name, unit), values in answered.items():
+    for (of, unit), values in answered.items():
         if all(isinstance(value, int | float) for value in values):
-            yield {"quantity": "number", "of": name, "sessions": len(values), "mean": statistics.fmean(values),
+            yield {"quantity": "number", "of": of, "sessions": len(values), "mean": statistics.fmean(values),
                    "sd": statistics.stdev(values) if len(values) > 1 else None, "least": float(min(values)),
                    "most": float(max(values)), "unit": unit}  # fmt: skip
         else:
-            for value, count in Counter(values).most_common():
-                yield {"quantity": "choice", "of": name, "value": str(value), "sessions": count}
+            for chosen, count in Counter(values).most_common():
+                yield {"quantity": "choice", "of": of, "value": str(chosen), "sessions": count}

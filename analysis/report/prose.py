@@ -98,6 +98,7 @@ def _touched(rows: Sequence[Row]) -> Iterator[str]:
 
 def _results(study: Study, rows: Sections) -> Iterator[str]:
     """Yield the planned tests in their order, or else all that were published; comparisons have their steps."""
+    yield from map(_control, rows.get("control", ()))
     if "tests" not in rows:
         yield from map(_step, rows["found"])
         return
@@ -217,6 +218,17 @@ def _planned(rows: Sections, test: str, tasks: Sequence[str]) -> Iterator[str]:
         subject = one["of"] or "the difference"
         verdict = shown if one["shown"] == "shown" else other
         yield f"In {one['tasks'].replace(', ', ' and ')}, {subject} {verdict} ({test}), {', '.join(parts)} {row}."
+
+
+def _control(row: Row) -> str:
+    """Return whether a control, where nothing could be felt, was at chance."""
+    one = row.record
+    shown = {"at chance": "was at chance", "above chance": "was above chance"}
+    parts = [f"M = {bounded(one['share'])} (chance {bounded(one['chance'])})", *_interval(one, 0.95)]
+    parts += [f"exact binomial, {p_value(one['p_binomial'])}", f"exact sign flips, {p_value(one['p_sign_flip'])}"]
+    verdict = shown.get(one["verdict"], "was not shown to be at chance")
+    margin = f" within {bounded(one['margin'])}" if one["verdict"] != "above chance" else ""
+    return f"Identification in {one['task']}, a control of {one['of']}, {verdict}{margin}, {', '.join(parts)} {row}."
 
 
 def _step(row: Row) -> str:

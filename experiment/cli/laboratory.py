@@ -382,7 +382,12 @@ def rehearse(
         options.file_option("--panel", "File of modes of a simulated panel [default: one without a phase]."),
     ] = None,
     control: Annotated[
-        Literal["none", "silence"], typer.Option("--control", help="'silence' replaces every stimulus with zeros.")
+        Literal["none", "silence", "heard"],
+        typer.Option(
+            "--control",
+            help="'silence' replaces every stimulus with zeros; with 'heard' the participants of a control task know "
+            "its stimuli by their sound.",
+        ),
     ] = "none",
     jobs: Annotated[
         int, typer.Option("--jobs", min=0, help="How many participants at a time; 0 means one for each core.")

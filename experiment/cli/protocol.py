@@ -55,6 +55,12 @@ def new(
     repetitions: Annotated[
         int | None, typer.Option("--repetitions", help="How often a task presents each material.")
     ] = None,
+    control: Annotated[
+        bool,
+        typer.Option(
+            "--control", help="Add a task that tests the masking: the panel sounds, and nothing reaches the foot."
+        ),
+    ] = False,
     rig: Annotated[Path | None, typer.Option("--rig", help="Write a rig file to begin from too.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: what no option answers has its default.")] = False,
 ) -> None:
@@ -96,6 +102,7 @@ def new(
         study = writing.NewStudy(id=study_id)
         given = [None if one is None else str(one) for one in (participants, repetitions)]
         text = writing.text(_new_study(study, title, given, materials, tasks, ask))
+    text = writing.controlled(text) if control else text
     file = file or writing.free(Path(study_id))
     if rig is None:
         asks = "A rig file to begin from, too: its name, or Enter for none"

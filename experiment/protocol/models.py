@@ -306,6 +306,20 @@ class Levels(Confined):
     precision_db: Annotated[float, Field(gt=0)] | None = _since_7()
 
 
+class Control(Confined):
+    """What makes a task a control: the vibration sounds as in another task, and nothing of it reaches the skin.
+
+    Attributes:
+        of: id of the virtual task whose masking it tests.
+        arrangement: what keeps the vibration from the skin; the experimenter confirms it before the trials.
+        margin: share of right answers above chance that still counts as chance.
+    """
+
+    of: Label
+    arrangement: Text
+    margin: Annotated[float, Field(gt=0, lt=1)] = 0.1
+
+
 class Task(Confined):
     """One task.
 
@@ -325,6 +339,7 @@ class Task(Confined):
         masker: this task's noise, if not that of `[masker]`.
         materials: those presented, in their order, if not all; any may be answered.
         levels: how strong its vibrations are, if not as they are made.
+        control: makes it a control, whose answers must be at chance.
     """
 
     id: Label
@@ -341,6 +356,7 @@ class Task(Confined):
     masker: Literal["none", "pink", "white"] | None = None
     materials: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
     levels: Levels | None = Field(None, json_schema_extra={"since": 5})
+    control: Control | None = _since_7()
 
 
 class TaskOrder(Confined):

@@ -168,6 +168,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     `materials` of a task are some of the protocol's, once, in their order; with one, its order is not `max-run`. A task
     with `levels` is `virtual` and `blocked-random`, without a rule `answers-below`.
 
+    A task with `control` is a virtual identification, of a virtual task that is none; no planned test names it.
+
     Each of `[[asked.people]]` and `[[asked.questionnaires]]` has an id of its own, and so has each item of one; a
     questionnaire names a task. `sharing.facts` are ids of people's facts that are no text, and numbers among them have
     a `group`, and have columns of their own there; `sharing.questionnaires` are ids.
@@ -193,6 +195,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     yield from _exclusion_limits(table)
     if any(task.get("levels") is not None for _, task in tables_at(table, "tasks")):
         yield from import_module("palpate.experiment.protocol.levels").broken(table)
+    if any(task.get("control") is not None for _, task in tables_at(table, "tasks")):
+        yield from import_module("palpate.experiment.protocol.designs.controls").broken(table)
     if table.get("asked") is not None or table_at(table, "sharing").keys() & {"facts", "questionnaires"}:
         yield from import_module("palpate.experiment.protocol.asked").broken(table)
     probed = table_at(table_at(table, "masker"), "probe").get("material")

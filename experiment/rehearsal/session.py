@@ -53,6 +53,9 @@ SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**
 PANEL_FILE = "panel.toml"
 """Beside the rig in a rehearsal's dataset: the modes of its panel, where it was given any."""
 
+HEARD_FILE = "heard.toml"
+"""Beside the rig in the dataset of a rehearsal in which a control's stimuli are heard."""
+
 TASK_NS = 2 * 3600 * 10**9
 """In simulated time each task of a participant starts this long after the one before, break included."""
 
@@ -243,9 +246,19 @@ class SimulatedEnds:
     def _person(self) -> SimulatedPerson:
         tasks = [task.id for task in self.protocol.tasks]
         who = self.job.participant, self.task_id
+        # Whoever hears a control's stimuli knows them as if they were felt.
+        reached = (
+            self.protocol.task(self.task_id).control is None
+            or storage.protocol_path(self.job.dataset).with_name(HEARD_FILE).exists()
+        )
         entropy = (self.job.seed, int(self.job.participant), tasks.index(self.task_id))
         parts = Parts(
-            self._foot, self._powered_ns, self._panel, self.rig, real_time=self.real_time, speaker=self._speaker
+            foot=self._foot,
+            powered_ns=self._powered_ns,
+            panel=self._panel if reached else None,
+            rig=self.rig,
+            real_time=self.real_time,
+            speaker=self._speaker,
         )
         return rehearsal_kind(self.protocol.task(self.task_id)).person(
             parts,

@@ -2,7 +2,7 @@
 
 import errno
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -25,7 +25,14 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.kind import rehearsal_kind
-from palpate.experiment.rehearsal.session import PANEL_FILE, Job, rehearse_at_once, rehearse_participant, run_task
+from palpate.experiment.rehearsal.session import (
+    HEARD_FILE,
+    PANEL_FILE,
+    Job,
+    rehearse_at_once,
+    rehearse_participant,
+    run_task,
+)
 from palpate.experiment.session import answering
 from palpate.experiment.session.remarks import paused
 from palpate.experiment.session.visit import visit_steps, walk
@@ -54,7 +61,7 @@ def rehearse(
     out: Path | None,
     participants: int | None,
     seed: int,
-    control: Literal["none", "silence"] = "none",
+    control: Literal["none", "silence", "heard"] = "none",
     real_time: bool = False,
     panel_file: Path | None = None,
     jobs: int = 1,
@@ -82,15 +89,10 @@ def rehearse(
             "give number",
             allowed=f"1 to {protocol.study.participants}, as in the protocol",
         )
-    if control == "silence" and not protocol.renders:
-        raise DatasetError(
-            "--control",
-            f"got silence for study {protocol.study.id}",
-            "leave it out",
-            allowed="none, because nothing is played there",
-        )
+    _check_control(protocol, control)
     rig = _simulated_rig(rig_file, protocol)
     panel = _panel(panel_file, rig_file, rig)
+    beside = {PANEL_FILE: panel, HEARD_FILE: HEARD if control == "heard" else None}
     if not real_time:
         _check_paced(rig_file, rig, protocol)
     out = (out or Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}").resolve()
@@ -99,14 +101,14 @@ def rehearse(
         rig_sha256=rigs.sha256(rig),
         participants=count,
         seed=seed,
-        control=control,
+        control="silence" if control == "silence" else "none",
         real_time=real_time,
     )
     allocations = allocate(protocol, seed)[:count]
-    todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
+    todo = [Job(out, one.participant, one.tasks, seed, plan.control, real_time) for one in allocations]
     with ExitStack() as refused:
-        if not _is_begun_on(panel, out, plan):
-            refused.enter_context(_prepared(out, plan, protocol_file, rig_file, panel))
+        if not _is_begun_on(beside, out, plan):
+            refused.enter_context(_prepared(out, plan, protocol_file, rig_file, beside))
         left = {job: sum(_remaining(out, protocol, job, task) for task in job.tasks) for job in todo}
         answers = sum(protocol.trials(protocol.task(task)) for job in todo for task in job.tasks)
         begin = partial(total, answers, answers - sum(left.values()))
@@ -121,6 +123,24 @@ def rehearse(
             todo.sort(key=left.__getitem__, reverse=True)
             rehearse_at_once(todo, jobs, tick, partial(build.build, out), begin)
     return out
+
+
+HEARD = b"# The sound of a control's stimuli gets through the masker.\n"
+
+
+def _check_control(protocol: Protocol, control: str) -> None:
+    """Raise `DatasetError` for a condition that a study cannot have."""
+    if control == "silence" and not protocol.renders:
+        raise DatasetError(
+            "--control",
+            f"got silence for study {protocol.study.id}",
+            "leave it out",
+            allowed="none, because nothing is played there",
+        )
+    if control == "heard" and not any(task.control for task in protocol.tasks):
+        raise DatasetError(
+            "--control", f"got heard for study {protocol.study.id}", "leave it out", allowed="a study with a control"
+        )
 
 
 def _check_paced(rig_file: Path, rig: rigs.Rig, protocol: Protocol) -> None:
@@ -180,7 +200,7 @@ def practise(
     )
     with ExitStack() as refused:
         if not is_begun(job.dataset, plan):
-            refused.enter_context(_prepared(job.dataset, plan, protocol_file, rig_file, None))
+            refused.enter_context(_prepared(job.dataset, plan, protocol_file, rig_file, {}))
         left = {task: _remaining(job.dataset, protocol, job, task) for task in job.tasks}
         tasks = (task_id,) if task_id else tuple(task for task in job.tasks if left[task]) or job.tasks[-1:]
         if tasks[0] not in left:
@@ -253,14 +273,16 @@ def _panel(panel_file: Path | None, rig_file: Path, rig: rigs.Rig) -> bytes | No
     return storage.read_bytes(panel_file)
 
 
-def _is_begun_on(panel: bytes | None, out: Path, plan: Plan) -> bool:
-    """Return what `is_begun` does. Raises `DatasetError` also where it holds a rehearsal on another panel."""
+def _is_begun_on(beside: Mapping[str, bytes | None], out: Path, plan: Plan) -> bool:
+    """Return what `is_begun` does. Raises `DatasetError` also where another file stands beside the rig, or none."""
     if not is_begun(out, plan):
         return False
-    kept = storage.protocol_path(out).with_name(PANEL_FILE)
-    if panel != (storage.read_bytes(kept) if kept.exists() else None):
-        another = f"choose another folder with {OPTIONS[plan.label]}"
-        raise DatasetError(out, "holds a rehearsal on another panel", another, allowed="the same --panel as before")
+    for name, content in beside.items():
+        kept = storage.protocol_path(out).with_name(name)
+        if content != (storage.read_bytes(kept) if kept.exists() else None):
+            another = f"choose another folder with {OPTIONS[plan.label]}"
+            what, option = ("on another panel", "--panel") if name == PANEL_FILE else ("otherwise heard", "--control")
+            raise DatasetError(out, f"holds a rehearsal {what}", another, allowed=f"the same {option} as before")
     return True
 
 
@@ -298,7 +320,9 @@ def is_begun(out: Path, plan: Plan) -> bool:
 
 
 @contextmanager
-def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path, panel: bytes | None) -> Iterator[None]:
+def _prepared(
+    out: Path, plan: Plan, protocol_file: Path, rig_file: Path, beside: Mapping[str, bytes | None]
+) -> Iterator[None]:
     """Make `out` with all that precedes the first participant, whole or not at all, and undo it without a session."""
     was_there, parents = out.exists(), [above for above in out.parents if not above.exists()]
     made = False
@@ -307,8 +331,9 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path, panel:
             kept = storage.protocol_path(partial)
             files.keep(protocol_file, kept)
             opening.copy_rig(rig_file, kept.with_name("rig.toml"))
-            if panel is not None:
-                storage.create(kept.with_name(PANEL_FILE), panel)
+            for name, content in beside.items():
+                if content is not None:
+                    storage.create(kept.with_name(name), content)
             protocol = files.load(kept)
             rehearsal_kind(protocol.tasks[0]).prepare(partial, protocol, plan.seed)
             storage.write_json(storage.plan_path(partial), plan.model_dump())

@@ -294,6 +294,9 @@ class _Session:
                 if self.devices.console.ask(question).key != YES:
                     raise PauseAsked("no noise masks the trials")
                 self.log.write(entries.Note(trial=None, text=f"The experimenter confirmed: {self.noise}"))
+            if self.log.done.remaining and any(task.control for task in self.protocol.tasks):
+                control = import_module("palpate.experiment.session.answering.control")
+                control.confirm(self.protocol, self._task, self.devices.console, self.log)
             self._attempts.remarks.note_ignored()
             self._enrol()
             if self.log.done.remaining:

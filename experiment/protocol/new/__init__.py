@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import tomlkit
 
@@ -187,6 +188,32 @@ def copied(source: Path, study_id: str, title: str | None = None) -> str:
     made = tomlkit.dumps(document)
     _check(made)
     return made
+
+
+def controlled(text: str) -> str:
+    """Return the text of a protocol with a control of its first virtual task, in all else alike, done by as many.
+
+    Raises `PalpateError` for a protocol that cannot have one, as one without a virtual identification.
+    """
+    document = tomlkit.parse(text)
+    virtual = [one for one in document["tasks"] if one["stimulus"] == "virtual"]
+    if not virtual or "control" in [one["id"] for one in document["tasks"]]:
+        raise PalpateError("got --control", allowed="a protocol with a virtual task, and none with the id control")
+    made = tomlkit.parse(tomlkit.dumps({"tasks": [virtual[0].unwrap()]}))["tasks"][0]
+    table = {"of": made["id"], "arrangement": ARRANGEMENT}
+    made.update({"id": "control", "title": f"Control of {made['title']}", "control": table})
+    document["tasks"].append(made)
+    document["format"] = max(get_args(ProtocolFile.model_fields["format"].annotation))
+    written = tomlkit.dumps(document)
+    _check(written)
+    return written
+
+
+ARRANGEMENT = (
+    "A bridge carries the foot: it stands on the floor beside the panel, and touches neither the panel nor what holds "
+    "it. The panel vibrates below it as in the other task."
+)
+"""What a control needs, for a laboratory to word; ours."""
 
 
 def free(path: Path) -> Path:

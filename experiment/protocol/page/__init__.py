@@ -343,6 +343,19 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             *((("Asked", Free(protocol.question(task))),) if protocol.question(task) else ()),
             ("Order", _order(task, _noun(protocol))),
             *(_levels().facts(task) if task.levels else ()),
+            *_control(task),
+        )
+
+
+def _control(task: Task) -> Iterator[tuple[str, str | Free]]:
+    """Yield what the board reads of a control."""
+    if (control := task.control) is not None:
+        yield "Control of", f"{control.of}: the vibration sounds as it does there, and nothing of it reaches the skin"
+        yield "Arrangement", Free(control.arrangement)
+        yield (
+            "At chance",
+            f"if neither all answers nor those of any participant are right more often, and the mean share is less "
+            f"than {control.margin:g} above chance; this is stated in every report",
         )
 
 
