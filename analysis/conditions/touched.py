@@ -52,11 +52,11 @@ def _records(study: Study) -> Iterator[Record]:
         for name, item in one.get("Touch", {}).items():
             if (value := item.get("Value")) is not None and ("Levels" in item or isinstance(value, int | float)):
                 answered.setdefault((name.replace("_", " "), item.get("Units")), []).append(value)
-    for (of, unit), values in answered.items():
+    for (of, units), values in answered.items():
         if all(isinstance(value, int | float) for value in values):
             yield {"quantity": "number", "of": of, "sessions": len(values), "mean": statistics.fmean(values),
                    "sd": statistics.stdev(values) if len(values) > 1 else None, "least": float(min(values)),
-                   "most": float(max(values)), "unit": unit}  # fmt: skip
+                   "most": float(max(values)), "unit": units}  # fmt: skip
         else:
             for chosen, count in Counter(values).most_common():
                 yield {"quantity": "choice", "of": of, "value": str(chosen), "sessions": count}

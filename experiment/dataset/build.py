@@ -96,9 +96,7 @@ def session_table(
     return bids.events(root, header.participant, text, event_rows(kind_of(task), path, contents, origin))
 
 
-def touched(
-    protocol: Protocol, path: Path, contents: journal.Contents, *, shared: bool = False
-) -> Mapping[str, object]:
+def touched(protocol: Protocol, path: Path, contents: journal.Contents, *, shared: bool = False) -> dict[str, object]:
     """Return what the skin touched in a session, for its sidecar: the rig's contactor, and what was asked of it."""
     rig_file, found = storage.rig_path(path), dict[str, object]()
     if rig_file.exists() and (part := rigs.load(rig_file).contactor) is not None:
