@@ -3,7 +3,7 @@
 import shutil
 from calendar import monthrange
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, timedelta
 from pathlib import Path
@@ -396,11 +396,24 @@ def _reminders(root: Path, dataset: Dataset, people: list[Person], today: date) 
                 f"Unless it is running now, it was cut off; {again} goes on with it."
             )
     yield from _reconsent(root, dataset, today)
+    yield from _unasked(root, dataset, people)
     if warning := privacy.readers_warning(root):
         yield Finding(warning)
     if (free := shutil.disk_usage(root).free) < LEAST_FREE:
         full = f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."
         yield Finding(full)
+
+
+def _unasked(root: Path, dataset: Dataset, people: list[Person]) -> Iterator[Finding]:
+    """Tell of whom nothing is on record that the protocol asks of people."""
+    if dataset.roster is None or not getattr(getattr(dataset.protocol, "asked", None), "people", ()):
+        return
+    answered, latest = dataset.roster.facts, dataset.roster.approved
+    if left := [one.participant for one in people if one.state != "withdrawn" and one.participant not in answered]:
+        path = storage.protocol_path(root, latest[-1].number if latest else 1)
+        ask = ("palpate", "facts", str(path), "--participant", left[0], "--dataset", str(root))
+        what = f"Nothing that the protocol asks of people is on record of {_people(left)}"
+        yield Finding(what, remedy=Remedy("ask them, one at a time: {}", ask, suffices=False))
 
 
 def _keep_until(dataset: Dataset, people: list[Person]) -> dict[str, date]:
@@ -440,7 +453,7 @@ def _due(root: Path, keep_until: Mapping[str, date], today: date) -> Iterator[Fi
         yield Finding(what, remedy=Remedy(words, erase, suffices=False))
 
 
-def _people(labels: Mapping[str, date]) -> str:
+def _people(labels: Collection[str]) -> str:
     """Return whom a sentence is about: a few by their labels, more by their number."""
     if len(labels) > SHOWN:
         return f"{len(labels)} participants"

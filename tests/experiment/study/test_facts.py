@@ -17,8 +17,9 @@ from palpate.experiment import storage
 from palpate.experiment.cli import options
 from palpate.experiment.dataset import build, checks
 from palpate.experiment.dataset.outside import sharing
+from palpate.experiment.dataset.status import status
 from palpate.experiment.dataset.verify import verify
-from palpate.experiment.errors import DatasetError, PalpateError, RosterError
+from palpate.experiment.errors import DatasetError, PalpateError, Remedy, RosterError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.asked import Fact
 from palpate.experiment.study import enrolment, privacy, withdrawal
@@ -71,6 +72,16 @@ def test_facts_are_columns_of_participants_with_units_and_levels(study: MadeStud
     assert described["age"]["Units"] == "years"
     assert [*described["sex"]["Levels"]] == ["female", "male", "other"]
     assert verify(study.root).refused == 0
+
+
+def test_status_tells_of_whom_nothing_is_on_record(study: MadeStudy) -> None:
+    def wanted() -> list[tuple[str, ...]]:
+        remedies = [one.remedy for one in status(study.root, DAY).reminders]
+        return [one.command for one in remedies if isinstance(one, Remedy) and one.command[1] == "facts"]
+
+    assert [command[command.index("--participant") + 1] for command in wanted()] == ["03"]
+    facts.record(study.file, "03", {}, root=study.root)
+    assert wanted() == []
 
 
 def test_the_roster_has_a_hash_that_nobody_can_guess_the_answers_from(study: MadeStudy) -> None:
