@@ -175,6 +175,26 @@ CASES += [
 ]
 
 
+CONTROLLED = ProtocolFile.model_validate(
+    changed(
+        changed(
+            changed(changed(document(), ("format",), 7), ("tasks", 1, "stimulus"), "virtual"),
+            ("analysis",),
+            tuple({**one, "tasks": ("one",)} for one in (SAME,)),
+        ),
+        ("tasks", 1, "control"),
+        {"of": "one", "arrangement": "Nothing touches the panel."},
+    )
+)
+
+CASES += [
+    (CONTROLLED, path, value, other)
+    for path, kind, value in fields(CONTROLLED)
+    for other in others(kind, value)
+    if "control" in path
+]
+
+
 @pytest.mark.parametrize(
     ("study", "path", "value", "other"),
     CASES,
