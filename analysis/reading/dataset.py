@@ -104,12 +104,7 @@ def read(root: Path) -> Study:
                 )
             asked[task] = own
             shown = tuple(sidecar.get("Presented", materials))
-            if task in tasks and tasks[task].presented != shown:
-                raise DatasetError(
-                    beside, f"Presented differs from that of other files of task {task}", "correct one of the files"
-                )
-            told = str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", ""))
-            tasks[task] = Task(task, *told, shown)
+            tasks[task] = _task(task, shown, sidecar, tasks.get(task), beside)
             if (session_id := sidecar.get("SessionId")) is not None:
                 _check_new(str(session_id), session_ids, beside)
                 session_ids[participant, task] = str(session_id)
@@ -137,6 +132,14 @@ def read(root: Path) -> Study:
                     tuple(facts.get("Incidents", ()))),),
         designs=asked, forces=forces, facts=facts_of_people, touched=touched,
     )  # fmt: skip
+
+
+def _task(task: str, shown: tuple[str, ...], sidecar: Mapping[str, Any], known: Task | None, beside: Path) -> Task:
+    if known is not None and known.presented != shown:
+        raise DatasetError(
+            beside, f"Presented differs from that of other files of task {task}", "correct one of the files"
+        )
+    return Task(task, str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", "")), shown)
 
 
 def _check_absent(events: Path) -> None:
