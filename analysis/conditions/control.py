@@ -27,7 +27,6 @@ from palpate.analysis.documents.tables import (
     probability,
     tabulate,
 )
-from palpate.analysis.identification.confusion import confusion_of
 from palpate.analysis.reading.study import Study, chance
 from palpate.analysis.statistics.exact import NotDefined
 from palpate.analysis.statistics.inference import holm
@@ -131,6 +130,8 @@ def _controls(study: Study) -> dict[str, Control]:
 
 
 def _controlled(study: Study, task: str, control: Control) -> Controlled | None:
+    from palpate.analysis.identification.confusion import confusion_of
+
     matrix = confusion_of(study, task)
     trials = matrix.counts.sum(axis=(1, 2))
     right = np.trace(matrix.counts, axis1=1, axis2=2)
