@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from palpate.experiment.findings import Finding
     from palpate.experiment.protocol.models import Protocol
     from palpate.experiment.protocol.new import NewStudy
+    from palpate.experiment.protocol.new.models import Changes
 
 commands = options.room()
 
@@ -36,6 +37,25 @@ def new(
         Path | None,
         typer.Option("--like", parser=a_protocol, metavar="PROTOCOL", help="Copy this protocol, such as okamoto2012."),
     ] = None,
+    kind: Annotated[
+        Literal["footstep", "presented", "tapping"] | None,
+        typer.Option("--kind", help="What a trial is [default: footstep]; of others the shipped study is copied."),
+    ] = None,
+    design: Annotated[
+        Literal["identification", "detection", "comparison", "rating"] | None,
+        typer.Option("--design", help="What a trial of such a kind asks [default: the kind's first]."),
+    ] = None,
+    answers: Annotated[
+        Literal["oral", "keys", "screen"] | None,
+        typer.Option("--answers", help="Who answers in a copy: aloud, at buttons, or at their screen."),
+    ] = None,
+    recordings: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--recording", metavar="FILE.wav", help="A recorded waveform to be told from others; to be repeated."
+        ),
+    ] = None,
+    full_scale: Annotated[float, typer.Option("--full-scale", help="Its acceleration at full scale, m/s^2.")] = 10.0,
     study_id: Annotated[
         str | None, typer.Option("--id", help="Id of the study: up to 32 lower-case letters and digits.")
     ] = None,
@@ -67,22 +87,18 @@ def new(
     """Write a new protocol, with a comment for every key.
 
     A few questions are asked, each with a default that Enter takes. What only your laboratory can say stands in the
-    file as TO BE FILLED IN; the study can be practised and rehearsed at once. With --like another protocol is copied
-    under an id of its own, without its approval. No file is overwritten.
+    file as TO BE FILLED IN; the study can be practised and rehearsed at once. With --like, or a --kind or --design that
+    is not the default, a study is copied under an id of its own, without its approval; each --recording of an
+    identification is copied too. No file is overwritten.
     """
     ask = not yes
     if ask:
         options.at_once("A new protocol. Enter takes an answer in brackets; after Ctrl-C nothing is written.")
-    from palpate.experiment import storage
-    from palpate.experiment.protocol import files
     from palpate.experiment.protocol import new as writing
+    from palpate.experiment.protocol.new import models
 
-    if like and (participants, materials, tasks, repetitions) != (None, None, None, None):
-        raise PalpateError(
-            "got --participants, --material, --tasks or --repetitions with --like",
-            remedy="change anything else in the copy",
-            allowed="--id and --title",
-        )
+    if like and (kind or design):
+        raise PalpateError("got --kind or --design with --like", remedy="leave them out", allowed="one of them")
     file = protocol_file and writing.free(protocol_file)
     rig = rig and free_for_a_rig(rig)
 
@@ -95,25 +111,38 @@ def new(
     stem = re.sub("[^a-z0-9]", "", file.stem.lower()) if file else ""
     default = stem if re.match("[a-z]", stem) else writing.NewStudy.id
     study_id = _answered("Id of the study, which names its files", default, study_id, ask, named)
+    if not like:
+        asks, of = "What a trial is, and what it asks", " ".join(filter(None, (kind, design))) or None
+        like = _answered(f"{asks} ({', '.join(models.KINDS)})", models.KINDS[0], of, ask, models.model)
+    changed = models.Changes(participants, answers, models.recordings(recordings or ()), full_scale)
     if like:
-        copied = partial(writing.copied, like, study_id)
-        text = _answered("Title", files.load(like).study.title, title, ask, copied)
+        text = _a_copy(like, study_id, title, changed, ask, of_questions=(materials, tasks, repetitions))
+    elif answers or recordings:
+        got, allowed = "got --answers or --recording for footsteps", "a copy: --like, or --kind presented"
+        raise PalpateError(got, remedy="leave them out", allowed=allowed)
     else:
-        study = writing.NewStudy(id=study_id)
         given = [None if one is None else str(one) for one in (participants, repetitions)]
-        text = writing.text(_new_study(study, title, given, materials, tasks, ask))
+        text = writing.text(_new_study(writing.NewStudy(id=study_id), title, given, materials, tasks, ask))
     text = writing.controlled(text) if control else text
     file = file or writing.free(Path(study_id))
     if rig is None:
         asks = "A rig file to begin from, too: its name, or Enter for none"
         rig = _answered(asks, "", None, ask, lambda typed: free_for_a_rig(Path(typed)) if typed else None)
+    _write_new(file, rig, text, changed)
+
+
+def _write_new(file: Path, rig: Path | None, text: str, changed: "Changes") -> None:
+    """Write a new protocol, its recordings and its rig, or nothing, and say what may follow."""
+    from palpate.experiment import storage
+    from palpate.experiment.protocol.new import models
+
     if rig and rig.resolve() == file.resolve():
         raise PalpateError(
             f"got {quoted(str(file))} for protocol and rig", remedy="name another", allowed="a file for each"
         )
-    made = {file: text} | ({rig: a_rig(rig)} if rig else {})
+    made = models.files_beside(file, changed) | {file: text.encode()} | ({rig: a_rig(rig).encode()} if rig else {})
     for path, content in made.items():
-        storage.write(path, content.encode())
+        storage.write(path, content)
     typer.echo(f"Protocol: {file}")
     if rig:
         typer.echo(f"Rig: {rig}. Calibrate it: `palpate docs rigs` shows how.")
@@ -121,6 +150,37 @@ def new(
         f"To practise a session at your own keys: {shown(('palpate', 'run', str(file), '--practice'))}\n"
         f"To read it as an ethics board does: {shown(('palpate', 'check', str(file)))}"
     )
+
+
+def _a_copy(
+    like: Path, study_id: str, title: str | None, changed: "Changes", ask: bool, of_questions: tuple[object, ...]
+) -> str:
+    """Return the text of a protocol like another, with what the options say, or what is answered."""
+    from palpate.experiment.protocol import files
+    from palpate.experiment.protocol import new as writing
+    from palpate.experiment.protocol.new import models
+
+    if any(one is not None for one in of_questions):
+        got, remedy = "got --material, --tasks or --repetitions for a copy", "change anything else in the copy"
+        allowed = "--id, --title, --participants, --answers and --recording"
+        raise PalpateError(got, remedy=remedy, allowed=allowed)
+
+    def of_people(typed: str) -> "Changes":
+        made = replace(changed, participants=writing.whole(typed, ("study", "participants")))
+        models.copied(like, study_id, changed=made)
+        return made
+
+    def of_mode(typed: str) -> "Changes":
+        made = replace(changed, mode=typed)
+        models.copied(like, study_id, changed=made)
+        return made
+
+    known, people = files.load(like), changed.participants
+    asks = "How many people take part"
+    given = None if people is None else str(people)
+    changed = _answered(asks, str(known.study.participants), given, ask, of_people)
+    changed = _answered("Who answers: oral, keys or screen", known.answers.mode, changed.mode, ask, of_mode)
+    return _answered("Title", known.study.title, title, ask, partial(models.copied, like, study_id, changed=changed))
 
 
 def _new_study(

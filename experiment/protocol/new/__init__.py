@@ -1,4 +1,4 @@
-"""A new protocol file: from the answers to a few questions, or as a copy of another under an id of its own.
+"""A new protocol file of footsteps, from the answers to a few questions.
 
 Every key has a comment. Fields that only a laboratory can complete are `UNFILLED`: such a study can be
 practiced and rehearsed, not sealed. Each answer is checked as the file that it would become.
@@ -14,9 +14,7 @@ from typing import get_args
 
 import tomlkit
 
-from palpate.experiment import storage
 from palpate.experiment.errors import PalpateError, ProtocolError
-from palpate.experiment.protocol import files
 from palpate.experiment.protocol.approval.sealing import UNFILLED
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.rules import DEVICES, NO_DEVICE
@@ -100,7 +98,7 @@ def checked(study: NewStudy) -> NewStudy:
     """Return a study whose protocol would be accepted. Raises `PalpateError` that says once what would be refused."""
     if study.tasks not in TASKS:
         raise PalpateError(f"got {quoted(study.tasks)}", allowed=f"one of: {', '.join(TASKS)}")
-    _check(text(study), study.materials)
+    check(text(study), study.materials)
     return study
 
 
@@ -168,28 +166,6 @@ def text(study: NewStudy) -> str:
     )
 
 
-def copied(source: Path, study_id: str, title: str | None = None) -> str:
-    """Return the text of the protocol `source` under another id and title, without its approval.
-
-    Raises `ProtocolError` as `files.load`, and `PalpateError` for a bad id or title.
-    """
-    known = files.load(source)
-    if study_id == known.study.id:
-        raise PalpateError(
-            f"got the id {quoted(study_id)}", allowed=f"another than that of {plain(str(source), keep='')}"
-        )
-    document = tomlkit.parse(storage.read_text(source).removeprefix("\ufeff"))
-    document["study"]["id"] = study_id
-    if title is not None and title != known.study.title:
-        document["study"]["title"] = title
-    for name in ("approval_number", "approved_on", "expires_on"):
-        if getattr(known.ethics, name):
-            document["ethics"].pop(name)
-    made = tomlkit.dumps(document)
-    _check(made)
-    return made
-
-
 def controlled(text: str) -> str:
     """Return the text of a protocol with a control of its first virtual task, in all else alike, done by as many.
 
@@ -205,7 +181,7 @@ def controlled(text: str) -> str:
     document["tasks"].append(made)
     document["format"] = max(get_args(ProtocolFile.model_fields["format"].annotation))
     written = tomlkit.dumps(document)
-    _check(written)
+    check(written)
     return written
 
 
@@ -226,7 +202,7 @@ def free(path: Path) -> Path:
     return path
 
 
-def _check(made: str, of: Sequence[NewMaterial] = ()) -> None:
+def check(made: str, of: Sequence[NewMaterial] = ()) -> None:
     """Refuse a file for the first of its problems, in words of what was asked about the study and its materials."""
     document = tomllib.loads(made)
     if (got := document["study"]["id"]) in DEVICES:  # of any format: what is new has no files to keep

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+import wave
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.kinds.footstep import Footstep
+from palpate.experiment.protocol.kinds.presented import Presented, Recorded
 from tests.conftest import Palpate
 
 Types = Callable[..., list[str]]
@@ -52,7 +54,9 @@ def test_enter_takes_every_default(palpate: Palpate, types: Types, approved: Sna
 def test_a_wrong_answer_is_told_and_asked_for_again(
     palpate: Palpate, types: Types, approved: SnapshotAssertion
 ) -> None:
-    asked = types("My Study", "five", "", "ten", "6", "felt, cork, Cork", "felt, cork", "n", "c", "f, cork", "", "x")
+    asked = types(
+        "My Study", "five", "", "", "ten", "6", "felt, cork, Cork", "felt, cork", "n", "c", "f, cork", "", "x"
+    )
     code, out, err = palpate("new")
     assert [*asked, out, err] == approved
     assert (code, list(Path().iterdir())) == (130, [])
@@ -102,11 +106,15 @@ def test_options_answer_every_question_without_a_terminal(
             "rig.name: got '-rig'; allowed: one line of 1 to 40 characters, a letter or digit first",
         ),
         (
-            ["--like", "okamoto2012", "--participants", "3"],
-            "allowed: --id and --title; change anything else in the copy",
+            ["--like", "okamoto2012", "--repetitions", "3"],
+            "allowed: --id, --title, --participants, --answers and --recording; change anything else",
         ),
         (["--like", "okamoto2012", "--id", "okamoto2012"], "got the id 'okamoto2012'; allowed: another"),
         (["--like", "none.toml"], "none.toml"),
+        (["--like", "presented", "--kind", "presented"], "allowed: one of them"),
+        (["--kind", "tapping", "--design", "rating"], "allowed: one of: footstep identification, presented"),
+        (["--answers", "keys"], "got --answers or --recording for footsteps"),
+        (["--kind", "presented", "--recording", "none.wav"], "allowed: a WAV file"),
     ],
 )
 def test_an_option_that_cannot_be_taken_is_refused_and_writes_nothing(
@@ -134,7 +142,7 @@ def test_no_file_is_overwritten_and_that_is_said_before_any_question(
 def test_an_id_whose_file_exists_and_a_rig_without_a_name_are_asked_for_again(
     palpate: Palpate, types: Types, approved: SnapshotAssertion
 ) -> None:
-    types("", "other", *[""] * 9, "_rig", "")
+    types("", "other", *[""] * 10, "_rig", "")
     Path("mystudy.toml").write_text("precious")
     code, out, _ = palpate("new")
     assert code == 0
@@ -145,13 +153,56 @@ def test_an_id_whose_file_exists_and_a_rig_without_a_name_are_asked_for_again(
 def test_a_protocol_that_comes_with_palpate_is_copied_under_another_id(
     palpate: Palpate, types: Types, approved: SnapshotAssertion
 ) -> None:
-    asked = types("", "", "")
+    asked = types(*[""] * 5)
     code, _, err = palpate("new", "my-study.toml", "--like", "okamoto2012")
     assert (code, err) == (0, "")
     assert asked == approved
     made, source = files.load(Path("my-study.toml")), files.load(files.shipped("okamoto2012.toml"))
     expected = source.model_copy(update={"study": source.study.model_copy(update={"id": "mystudy"})})
     assert made.model_dump() == expected.model_dump()
+
+
+@pytest.mark.parametrize("design", ["identification", "detection", "comparison", "rating"])
+def test_a_study_of_presented_stimuli_begins_from_that_of_its_design(
+    palpate: Palpate, types: Types, design: str
+) -> None:
+    types()
+    options = ["--kind", "presented", "--design", design, "--participants", 5, "--answers", "screen", "--yes"]
+    assert palpate("new", "mine.toml", *options)[0] == 0
+    made = files.load(Path("mine.toml"))
+    assert (made.study.id, made.study.participants, made.answers.mode) == ("mine", 5, "screen")
+    assert {(one.kind, one.design, one.participants) for one in made.tasks} == {("presented", design, 5)}
+
+
+def test_recorded_waveforms_to_be_told_apart_stand_beside_their_study(palpate: Palpate, types: Types) -> None:
+    types()
+    for name in ("felt", "cork", "foil"):
+        with wave.open(f"{name}.wav", "wb") as file:
+            file.setparams((1, 2, 8000, 0, "NONE", ""))
+            file.writeframes(name.encode() * 1000)
+    options = ["--kind", "presented", "--answers", "keys", "--full-scale", 20, "--yes"]
+    options += [part for name in ("felt", "cork", "foil") for part in ("--recording", f"{name}.wav")]
+    assert palpate("new", "sub/three.toml", *options)[0] == 0
+    made = files.load(Path("sub/three.toml"))
+    waves = [one.parts[0].wave[1] for one in made.table(Presented).stimuli]
+    assert [(one.file, one.full_scale_m_s2, one.lasts_s) for one in waves if isinstance(one, Recorded)] == [
+        ("felt.wav", 20, 0.25),
+        ("cork.wav", 20, 0.25),
+        ("foil.wav", 20, 0.25),
+    ]
+    assert [one.key for one in made.materials] == ["1", "2", "3"]
+    assert Path("sub/cork.wav").read_bytes() == Path("cork.wav").read_bytes()
+    Path("sub/foil.wav").write_bytes(b"precious")
+    assert palpate("new", "sub/four.toml", *options)[0] == 2
+
+
+def test_a_copy_has_as_many_participants_as_asked_and_a_smaller_task_no_more_than_before(
+    palpate: Palpate, types: Types
+) -> None:
+    types()
+    assert palpate("new", "mine", "--like", "okamoto2012", "--id", "mine", "--participants", 12, "--yes")[0] == 0
+    made = files.load(Path("mine.toml"))
+    assert (made.study.participants, [one.participants for one in made.tasks]) == (12, [12, 10])
 
 
 def test_a_new_rig_is_one_that_says_what_is_to_be_measured(palpate: Palpate, types: Types) -> None:

@@ -18,6 +18,7 @@ from palpate.experiment.protocol import approval, files, new
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.new import models
 from palpate.experiment.protocol.page import page
 from tests.approved import Refuses
 from tests.experiment.protocol.small import OKAMOTO2012, SMALL
@@ -169,21 +170,21 @@ def test_any_answer_is_held_as_it_is_or_refused(names: list[str], title: str) ->
 
 def test_a_copy_differs_from_the_published_study_in_its_id_alone() -> None:
     before = OKAMOTO2012.read_text("utf-8")
-    assert new.copied(OKAMOTO2012, "mine") == before.replace('id = "okamoto2012"', 'id = "mine"', 1)
-    titled = tomllib.loads(new.copied(OKAMOTO2012, "mine", "Mine"))
+    assert models.copied(OKAMOTO2012, "mine") == before.replace('id = "okamoto2012"', 'id = "mine"', 1)
+    titled = tomllib.loads(models.copied(OKAMOTO2012, "mine", "Mine"))
     assert titled == {**tomllib.loads(before), "study": {**titled["study"], "id": "mine", "title": "Mine"}}
 
 
 @pytest.mark.parametrize("study_id", ["okamoto2012", "Mine", ""])
 def test_a_copy_has_an_id_of_its_own(study_id: str) -> None:
     with pytest.raises(PalpateError, match=f"got (the id )?'{study_id}'; allowed: "):
-        new.copied(OKAMOTO2012, study_id)
+        models.copied(OKAMOTO2012, study_id)
 
 
 def test_a_copy_has_no_approval(tmp_path: Path) -> None:
     file = tmp_path / "small.toml"
     file.write_text(SMALL.replace("[duration]", 'approval_number = "17"\n\n[duration]'), "utf-8")
-    file.with_name("copy.toml").write_text(new.copied(file, "copy"), "utf-8")
+    file.with_name("copy.toml").write_text(models.copied(file, "copy"), "utf-8")
     made, source = files.load(file.with_name("copy.toml")), files.load(file)
     ethics = source.ethics.model_copy(update={"approval_number": "", "approved_on": None, "expires_on": None})
     assert made == source.model_copy(update={"ethics": ethics, "study": source.study.model_copy(update={"id": "copy"})})
