@@ -97,8 +97,6 @@ def new(
     from palpate.experiment.protocol import new as writing
     from palpate.experiment.protocol.new import models
 
-    if like and (kind or design):
-        raise PalpateError("got --kind or --design with --like", remedy="leave them out", allowed="one of them")
     file = protocol_file and writing.free(protocol_file)
     rig = rig and free_for_a_rig(rig)
 
@@ -111,9 +109,7 @@ def new(
     stem = re.sub("[^a-z0-9]", "", file.stem.lower()) if file else ""
     default = stem if re.match("[a-z]", stem) else writing.NewStudy.id
     study_id = _answered("Id of the study, which names its files", default, study_id, ask, named)
-    if not like:
-        asks, of = "What a trial is, and what it asks", " ".join(filter(None, (kind, design))) or None
-        like = _answered(f"{asks} ({', '.join(models.KINDS)})", models.KINDS[0], of, ask, models.model)
+    like = _model(like, kind, design, ask)
     changed = models.Changes(participants, answers, models.recordings(recordings or ()), full_scale)
     if like:
         text = _a_copy(like, study_id, title, changed, ask, of_questions=(materials, tasks, repetitions))
@@ -150,6 +146,17 @@ def _write_new(file: Path, rig: Path | None, text: str, changed: "Changes") -> N
         f"To practise a session at your own keys: {shown(('palpate', 'run', str(file), '--practice'))}\n"
         f"To read it as an ethics board does: {shown(('palpate', 'check', str(file)))}"
     )
+
+
+def _model(like: Path | None, kind: str | None, design: str | None, ask: bool) -> Path | None:
+    """Return the study that a new one is a copy of, as the options say or is answered, or None."""
+    from palpate.experiment.protocol.new import models
+
+    given = " ".join(filter(None, (kind, design))) or None
+    if like and given:
+        raise PalpateError("got --kind or --design with --like", remedy="leave them out", allowed="one of them")
+    asks = f"What a trial is, and what it asks ({', '.join(models.KINDS)})"
+    return like or _answered(asks, models.KINDS[0], given, ask, models.model)
 
 
 def _a_copy(
