@@ -22,11 +22,11 @@ from palpate.experiment.recordings.formats.unfinished import completed
 from palpate.experiment.recordings.series.axes import REDUCTIONS, Reduction
 from palpate.experiment.recordings.series.clocks import (
     AGREES,
+    by_default,
     chosen,
     clock_beside,
     clock_of,
     clocks_among,
-    counts,
     differs,
     nameless_clock,
     names_times,
@@ -82,7 +82,8 @@ class Axes:
 def read(
     path: Path, *, channel: str | None = None, axes: Axes | None = None, stated: Stated = NOTHING_STATED
 ) -> Recording:
-    """Return one channel of a recording: the one of this name or number (from 1), or the first that counts no samples.
+    """Return one channel of a recording: the one of this name or number (from 1), or the first that counts no samples
+    and varies.
 
     With `axes`, it is made of several. Raises `RecordingError`, with a line if any, for an unreadable file, a missing
     channel, samples that are not finite, times that are missing, uneven, or in a unit that neither the file nor
@@ -185,7 +186,8 @@ def _clocks_of_text(read_as: Columns, columns: list[Column], head: str, stated: 
         columns.append(Column(name, unit, np.arange(len(read_as.values[0])) * step, read_as.lines))
         return [len(columns) - 1]
     if not clocks and len(columns) > 1:
-        return nameless_clock(replace(columns[0], name=read_as.headings[0].name), stated, rate_in(head))
+        bare = [replace(one, name=named.name) for one, named in zip(columns, read_as.headings, strict=True)]
+        return nameless_clock(bare, stated, rate_in(head))
     return clocks
 
 
@@ -193,7 +195,7 @@ def _refuse_short(read_as: Columns, signals: Sequence[Column], times: Sequence[C
     """Refuse a row without a number in each column, unless the channels that end there end with clocks of their own."""
     if read_as.short is None:
         return
-    own = len({one.name for one in times if one is not None}) > 1
+    own = len({id(one) for one in times}) > 1
     if not own or any(one.values.size != (clock or one).values.size for one, clock in zip(signals, times, strict=True)):
         line, filled = read_as.short
         raise RecordingError(
@@ -247,8 +249,7 @@ def _from_channels(binary: Format, content: bytes, stated: Stated) -> Table:
 def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> Recording:
     """Return the channel asked for, at the rate of its column of times, or of its header where it has none."""
     names = tuple(signal.name for signal in table.signals)
-    first = next((place for place, signal in enumerate(table.signals) if not counts(signal)), 0)
-    place = first if channel is None else chosen(table.signals, channel)
+    place = by_default(table.signals) if channel is None else chosen(table.signals, channel)
     signal, clock = table.signals[place], table.times[place]
     if signal.dimension.lower() != "time":
         raise RecordingError(
@@ -271,7 +272,7 @@ def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> 
             for what in ((differs_by,) if differs_by else ())
         )
     elif clock is not None:
-        on, samples, doubts = _on_grid(file, signal, clock, stated)
+        on, samples, doubts = _on_grid(file, signal, clock, stated, table.header_rates_hz)
     elif claimed_hz is not None:
         on, (samples, doubts) = grid.Grid(claimed_hz, 0.0), _in_turn(file, signal, claimed_hz, stated)
         claimed_hz = None
@@ -349,7 +350,7 @@ def _in_turn(
 
 
 def _on_grid(
-    file: str, signal: Column, clock: Column, stated: Stated
+    file: str, signal: Column, clock: Column, stated: Stated, header_rates_hz: Sequence[float]
 ) -> tuple[grid.Grid, NDArray[np.float64], tuple[Finding, ...]]:
     """Return the grid of a channel by its clock, its samples on it, and what is doubtful of both."""
     if clock.values.size < signal.values.size:
@@ -364,7 +365,7 @@ def _on_grid(
             f"got no number in {clock.name!r}", remedy="correct the line, or export it again",
             allowed="a time in every row", line=clock.lines[int(np.argmin(there))],
         )  # fmt: skip
-    second, kept = unit_s(clock, stated), _present(signal, stated)
+    second, kept = unit_s(clock, stated, header_rates_hz), _present(signal, stated)
     times_s, samples, lines = since_first(clock, second)[kept], signal.values.astype(np.float64)[kept], clock.lines
     if kept.size < signal.values.size:
         times_s, lines = times_s - times_s[0], Kept(clock.lines, kept)

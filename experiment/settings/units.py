@@ -56,6 +56,9 @@ _RATE_LINE = re.compile(
     r"|abtast(?:rate|frequenz)|fréquence d.échantillonnage|taux d.échantillonnage))(?![A-Za-z])"
     + (_BETWEEN + _BEHIND).format(units="|".join(map(re.escape, _HERTZ))), re.IGNORECASE,
 )  # fmt: skip
+_VICON = re.compile(
+    r"\A\W*(?:Devices|Trajectories|Model Outputs|Segments|Joints)[\s,;]*\n\s*(?P<value>[0-9]+)[\s,;]*\n"
+)
 _STEP_LINE = re.compile(
     r"(?:(?<![A-Za-z])(?:sampl(?:e|ing)[\s_]*(?:interval|period)|delta[\s_]?[tx]|dt)|abtastintervall)(?![A-Za-z])"
     + (_BETWEEN + _BEHIND).format(units="|".join(sorted(map(re.escape, _TIMES), key=len, reverse=True))), re.IGNORECASE,
@@ -63,8 +66,12 @@ _STEP_LINE = re.compile(
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _COUNTERS = frozenset(
     ("index", "idx", "sample", "samples", "sampleno", "nr", "no", "number", "count", "counter", "row", "id", "i", "n",
-     "point", "points", "scan", "record")
+     "point", "points", "scan", "record", "frame", "sub", "subframe", "seq")
 )  # fmt: skip
+
+
+ABSCISSAS = ("x", "x-axis", "x axis")
+"""What a column of times is called by what plots it; its unit says that they are times."""
 
 
 class Heading(NamedTuple):
@@ -156,6 +163,8 @@ def rates_stated(text: str) -> tuple[float, ...]:
 
     Of `2.000` both 2 and 2000 are readings; several lines of different rates state none.
     """
+    if vicon := _VICON.match(text):
+        return (float(vicon["value"]),)
     found: list[tuple[float, ...]] = []
     for line in text[-_HEADER:].splitlines():
         rate, step = _RATE_LINE.search(line), _STEP_LINE.search(line)

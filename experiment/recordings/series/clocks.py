@@ -12,6 +12,7 @@ from palpate.experiment.recordings import grid
 from palpate.experiment.recordings.series.column import BESIDE, Column
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated
 from palpate.experiment.settings.units import (
+    ABSCISSAS,
     SECONDS,
     Heading,
     bare_clock,
@@ -26,12 +27,12 @@ AGREES = 0.01
 """A step of a clock and a stated rate agree within this part, if the unit of the clock is right."""
 
 COUNTER = "a counter of samples"
+
+_AT_FIRST = 1000
+"""Values that tell most other columns from a counter."""
+
 _SAYS_NOTHING = ("", "x", "untitled")
 """Headings under which a rising first column may be taken for times; LabVIEW calls nameless channels Untitled."""
-
-
-_ABSCISSAS = ("x", "x-axis", "x axis")
-"""What a column of times is called by what plots it; its unit says that they are times."""
 
 
 def chosen(columns: Sequence[Column], asked: str, what: str = "channel") -> int:
@@ -59,7 +60,7 @@ def chosen(columns: Sequence[Column], asked: str, what: str = "channel") -> int:
 
 def names_times(one: Heading) -> bool:
     """Return whether a heading is that of times."""
-    if one.name and one.name.lower() not in _ABSCISSAS:
+    if one.name and one.name.lower() not in ABSCISSAS:
         return is_clock(one.name)
     return is_clock(one.name) or bool(time_unit(Heading("", one.unit)))
 
@@ -163,20 +164,30 @@ def step_s(clock: Column, stated: Stated) -> float:
     return float(f"{_span(clock) * unit_s(clock, stated):.3e}")
 
 
-def unit_s(clock: Column, stated: Stated) -> float:
-    """Return the unit of a column of times, s, which the file or its user states. Raises `RecordingError` for none."""
+def unit_s(clock: Column, stated: Stated, header_rates_hz: Sequence[float] = ()) -> float:
+    """Return the unit of a column of times, s, which the file or its user states.
+
+    Raises `RecordingError` for none, with the one in which the times keep a rate of the header; where none does, they
+    count samples, and the rate is asked for.
+    """
     unit = _unit_of(clock, stated)
     if unit in SECONDS:
         return SECONDS[unit]
     with np.errstate(over="ignore"):
         spans = np.diff(clock.values)
-    likely = likely_unit(float(np.median(spans)) if spans.size else 0.0, float(clock.values[0]))
+    step = float(np.median(spans)) if spans.size else 0.0
+    likely = likely_unit(step, float(clock.values[0]))
+    remedy = stated.remedy("state their unit", "--time-unit", likely)
+    if header_rates_hz:
+        keeps = [one for one, s in SECONDS.items() for hz in header_rates_hz if abs(step * s * hz - 1) < AGREES]
+        rate = ("if they count samples, state their rate", "--rate", f"{header_rates_hz[0]:.12g}")
+        remedy = stated.remedy(*(("state their unit", "--time-unit", keeps[0]) if keeps else rate))
     told = f"in {clock.unit!r}" if clock.unit else "without a unit"
     if BESIDE in clock.unit:
         told = f"in {clock.unit.replace(BESIDE, ' by their heading and ')} below it"
     raise RecordingError(
         f"got times {told} in {clock.name!r}" if stated.time_unit is None else f"got the unit {unit!r} of time",
-        remedy=stated.remedy("state their unit", "--time-unit", likely),
+        remedy=remedy,
         allowed=f"a unit in the heading, or one that is stated: {', '.join(SECONDS)}",
     )
 
@@ -195,6 +206,8 @@ def differs(clock: Column | None, stated: Stated) -> str:
     if clock is None:
         return ""
     unit, rate_hz = _unit_of(clock, stated), stated.rate_hz or 0.0
+    if not unit and clock.values.dtype.kind in "iu" and by_one(clock.values):
+        return ""
     steps_s = [step_s(clock, replace(stated, time_unit=one)) for one in ([unit] if unit else SECONDS)]
     if any(abs(step * rate_hz - 1) < AGREES for step in steps_s):
         return ""
@@ -203,8 +216,23 @@ def differs(clock: Column | None, stated: Stated) -> str:
 
 
 def counts(signal: Column) -> bool:
-    """Return whether a column numbers the samples."""
-    return (signal.values.dtype.kind in "iu" and by_one(signal.values)) or is_counter(signal.name)
+    """Return whether a column numbers the samples, if need be from its least number again."""
+    return is_counter(signal.name) or (signal.values.dtype.kind in "iu" and _by_one_in_turns(signal.values))
+
+
+def _by_one_in_turns(values: NDArray[Any]) -> bool:
+    """Return whether each value is one more than the one before, or the least after the largest."""
+    if values.size < 2 or np.any((steps := np.diff(values[:_AT_FIRST])) > 1) or steps[0] != 1:
+        return False
+    low, high = values.min(), values.max()
+    return bool(np.all((np.diff(values) == 1) | ((values[1:] == low) & (values[:-1] == high))))
+
+
+def by_default(signals: Sequence[Column]) -> int:
+    """Return the place of the first column that does not number the samples and has more than one value."""
+    samples = [place for place, one in enumerate(signals) if not counts(one)] or [0]
+    varies = (place for place in samples if np.any(signals[place].values[1:] != signals[place].values[0]))
+    return next(varies, samples[0])
 
 
 def by_one(values: NDArray[Any]) -> bool:
@@ -223,14 +251,17 @@ def rises_evenly(column: Column) -> bool:
     return True
 
 
-def nameless_clock(first: Column, stated: Stated, rate: str) -> list[int]:
+def nameless_clock(columns: Sequence[Column], stated: Stated, rate: str) -> list[int]:
     """Return the place of times that no heading names; where a rate is stated, there may be none.
 
-    Raises `RecordingError`, with the likely `rate`, where none is and the first column does not look like times.
+    They are the first column, or the second, behind a counter. Raises `RecordingError`, with the likely `rate`, where
+    none is stated and the first column does not look like times.
     """
+    place = int(len(columns) > 2 and all(map(rises_evenly, columns[:2])) and counts(columns[0]))
+    clock = columns[place]
     if stated.rate_hz is None:
-        _look_like_times(first, stated, rate)
-    return [0] if stated.rate_hz is None or (rises_evenly(first) and not counts(first)) else []
+        _look_like_times(clock, stated, rate)
+    return [place] if stated.rate_hz is None or (rises_evenly(clock) and not counts(clock)) else []
 
 
 def _look_like_times(first: Column, stated: Stated, rate: str) -> None:
@@ -247,8 +278,8 @@ def _look_like_times(first: Column, stated: Stated, rate: str) -> None:
     if what:
         words = "write a heading such as 'time (s), acceleration (g)', or state their rate"
         options = ("--time-column", "1", "--time-unit", likely_unit(1.0, float(first.values[0])))
-        counter = what == COUNTER and rate == "HZ"
-        remedy = ("if it holds the times, state it", *options) if counter else (words, "--rate", rate)
+        times = what == COUNTER and rate == "HZ" and first.values.dtype.kind not in "iu"
+        remedy = ("if it holds the times, state it", *options) if times else (words, "--rate", rate)
         raise RecordingError(
             f"got {what} in the first column and no column named time",
             remedy=stated.remedy(*remedy),

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.text.behind import without_units
 from palpate.experiment.recordings.text.stamps import without_stamps
 from palpate.experiment.settings.delimited import (
     COMMENT_SIGN,
@@ -33,6 +34,7 @@ from palpate.experiment.settings.delimited import (
     unclear_decimal,
 )
 from palpate.experiment.settings.units import (
+    ABSCISSAS,
     Heading,
     contradict,
     heading,
@@ -97,12 +99,16 @@ class Columns:
 
 @dataclass(frozen=True)
 class _Shape:
-    """How the rows of a text are parted: cells of a row after `first` empty ones, and where the rows begin."""
+    """How the rows of a text are parted: cells of a row after `first` empty ones, and where the rows begin.
+
+    Rows whose cells are `again`, names with one of times, are a heading that a program wrote once more.
+    """
 
     delimiter: str
     first: int
     width: int
     rows: int
+    again: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -127,7 +133,10 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     # Of a large file each copy costs as much as some of its reading.
     raw = content if plain and not stamps_ns else text.encode()
     shape = _shape_of(text, stated)
+    if not shape.rows and (bare := without_units(text)) is not None:
+        return _in_units(read_columns(bare[0].encode(), bare[0], encoding, stated), bare[1])
     head, begins = _head(text, shape)
+    shape = replace(shape, again=_clock_names(head, shape))
     if next(_rows(text, begins, shape), None) is None:
         raise _unreadable()
     if shape.delimiter == "," and (points := _decimal_points(text, head, begins, shape, stated)) is not None:
@@ -154,6 +163,13 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     held = RowLines(text, begins, shape)
     cut, step = _cut(text, shape, decimal), _step(head, shape, decimal)
     return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, begins.start, short)
+
+
+def _in_units(made: Columns, behind: Sequence[str]) -> Columns:
+    """Return columns with the units that stand behind their numbers."""
+    headings = tuple(_with_unit(*both) for both in zip(made.headings, behind, strict=True))
+    units = tuple(one.unit for one in headings)
+    return replace(made, headings=headings, understood=replace(made.understood, units=units))
 
 
 def _unreadable() -> RecordingError:
@@ -197,9 +213,7 @@ def _shape_of(text: str, stated: Stated) -> _Shape:
         if any(one.rows for one in shapes):
             break
     shape = max(shapes, key=lambda one: (one.rows, one.width > 1))
-    if shape.rows < 1 + (shape.width < 2):
-        raise _unreadable()
-    if shape.width == 1 and stated.rate_hz is None:
+    if shape.rows > 1 and shape.width == 1 and stated.rate_hz is None:
         remedy = stated.remedy("state its rate", "--rate", rate_in(text[:TAIL]))
         raise RecordingError("got one column and no times", remedy=remedy, allowed="times, or a rate that is stated")
     return shape
@@ -223,6 +237,8 @@ def _shape(text: str, delimiter: str, most: int | None, least: int) -> _Shape:
 
 def _head(text: str, shape: _Shape) -> tuple[list[tuple[int, str]], Record]:
     """Return line and text of each record above the first row of numbers, and that row."""
+    if shape.rows < 1 + (shape.width < 2):
+        raise _unreadable()
     head: list[Record] = []
     for record in records(text, shape.delimiter, strict=False):
         cells = _cells(record, shape)
@@ -334,7 +350,18 @@ def _looks_like_row(record: Record, shape: _Shape) -> bool:
 
 def _rows(text: str, begins: Record, shape: _Shape) -> Iterator[Record]:
     below = records(text, shape.delimiter, begins.start, begins.line, strict=False)
-    return (one for one in below if not one.comment and not one.blank)
+    return (one for one in below if not one.comment and not one.blank and (not shape.again or _is_row(one, shape)))
+
+
+def _is_row(record: Record, shape: _Shape) -> bool:
+    return tuple(cell.strip() for cell in record.cells) != shape.again
+
+
+def _clock_names(head: Sequence[tuple[int, str]], shape: _Shape) -> tuple[str, ...]:
+    """Return the cells of the last record above the rows, if they are names of times and more, as they stand there."""
+    last = next(records(head[-1][1], shape.delimiter, strict=False), None) if head else None
+    cells = () if last is None else tuple(cell.strip() for cell in last.cells)
+    return cells if any(is_clock(heading(cell).name) for cell in cells) else ()
 
 
 def _decimal(text: str, begins: Record, shape: _Shape, most: int | None, stated: Stated) -> str:
@@ -409,7 +436,7 @@ def _slow(text: str, begins: Record, shape: _Shape, decimal: str) -> tuple[list[
             elif not isfinite(value) and not _is_missing(bare):
                 raise RecordingError(
                     f"got {bare[:40]!r} in column '{place + 1}'",
-                    remedy="correct the line, or export the measurement again",
+                    remedy="correct the line, or keep the rows above it, or below it, in a file of their own",
                     allowed="a number in every row",
                     line=record.line,
                 )
@@ -445,7 +472,8 @@ def _is_no_name(cell: str) -> bool:
 def _are_names(cells: Sequence[str]) -> bool:
     """Return whether cells above units are names: those of times and more, or none of them a number or a unit."""
     unlike = any(map(_is_no_name, cells))
-    return not unlike or any(is_clock(heading(cell).name) and not _is_no_name(cell) for cell in cells)
+    clocks = (is_clock(heading(cell).name) or cell.lower() in ABSCISSAS for cell in cells if not _is_no_name(cell))
+    return not unlike or any(clocks)
 
 
 def _headings(
@@ -456,9 +484,7 @@ def _headings(
     Of the last `NEAREST` records above the rows, those count that have a cell for each column: the last one holds the
     names, or the last one above a row of units.
     """
-    fitting = [
-        (line, cells) for line, raw in head[-NEAREST:] if (cells := _heading_cells(raw, shape, values, ends=ends))
-    ]
+    fitting = _fitting(head, shape, values, ends=ends)
     if not fitting:
         return [Heading("", "")] * shape.width, ()
     below = [
@@ -477,6 +503,20 @@ def _headings(
     return [heading(cell) for cell in cells], (line,)
 
 
+def _fitting(
+    head: Sequence[tuple[int, str]], shape: _Shape, values: Sequence[NDArray[Any]], *, ends: int
+) -> list[tuple[int, list[str]]]:
+    """Return line and cells of the records that may be headings: above one column, none if some are sentences."""
+    made = [(line, cells) for line, raw in head[-NEAREST:] if (cells := _heading_cells(raw, shape, values, ends=ends))]
+    names = [one for one in made if not _is_remark(one[1])]
+    return names if shape.width > 1 or len(names) == len(made) else []
+
+
+def _is_remark(cells: Sequence[str]) -> bool:
+    """Return whether cells say something of the recording: `Y unit:` and `m/s2`, or a sentence above one column."""
+    return cells[0].endswith(":") or (len(cells) == 1 and ": " in cells[0])
+
+
 def _times_below(names: Sequence[str], cells: Sequence[str]) -> bool:
     """Return whether a unit of time stands below a name of times, and below the other names no such ones."""
     clocks = [is_clock(heading(name).name) and not is_unit(name) for name in names]
@@ -484,9 +524,9 @@ def _times_below(names: Sequence[str], cells: Sequence[str]) -> bool:
     return any(clocks) and clocks == units
 
 
-def _with_unit(name: str, below: str) -> Heading:
+def _with_unit(name: str | Heading, below: str) -> Heading:
     """Return a heading with the unit that stands below it; with both, where they contradict each other."""
-    above, unit = heading(name), heading(below).unit or below
+    above, unit = heading(name) if isinstance(name, str) else name, heading(below).unit or below
     own = above.unit or (time_unit(above) if is_clock(above.name) else "")
     if unit and own and contradict(own, unit):
         return Heading(above.name, f"{own}{BESIDE}{unit}")
@@ -501,7 +541,7 @@ def _names_in(raw: str, shape: _Shape) -> list[str]:
     cells = [cell.strip() for cell in row if cell.strip()]
     like = any(is_clock(heading(cell).name) or heading(cell).unit for cell in cells)
     other = any(map(_is_number, cells)) or any(map(is_step, cells))
-    return cells if like and not other and len(cells) > 1 else []
+    return cells if like and not other and len(cells) > 1 and not _is_remark(cells) else []
 
 
 def _refuse_dropped(
@@ -522,9 +562,13 @@ def _refuse_dropped(
     words = "correct the line in a copy, or leave names aside: state the number of the column of times, and its unit"
     clock = next((place for place, cell in enumerate(cells) if is_clock(heading(cell).name)), 0)
     unit = time_unit(heading(cells[clock])) or likely_unit(float(np.median(np.diff(values[0]))), float(values[0][0]))
+    options: tuple[str, ...] = ("--time-column", "1", "--time-unit", unit)
+    if values[0].dtype.kind in "iu" and not any(is_clock(heading(cell).name) for cell in cells):
+        words = "correct the line in a copy, or leave names aside: state the rate"
+        options = ("--rate", rate_in("".join(above for _, above in head)))
     raise RecordingError(
         f"got {len(cells)} names above rows of {shape.width} numbers",
-        remedy=stated.remedy(words, "--time-column", "1", "--time-unit", unit),
+        remedy=stated.remedy(words, *options),
         allowed="a name for each column",
         line=line,
     )

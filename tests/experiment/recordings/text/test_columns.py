@@ -126,7 +126,7 @@ def test_one_column_of_decimal_commas_is_not_taken_for_two(tmp_path: Path) -> No
     with pytest.raises(RecordingError) as refused:
         read(path, stated=Stated(rate_hz=1000))
     assert str(refused.value.finding.remedy).endswith(": --decimal ,")
-    made = {sign: read(path, stated=Stated(rate_hz=1000, decimal=sign)).samples.tolist() for sign in ",."}
+    made = {sign: read(path, channel="1", stated=Stated(rate_hz=1000, decimal=sign)).samples.tolist() for sign in ",."}
     assert made[","] == [round(9.71 + a / 10, 2) for a in SAMPLES]
     assert made["."] == [9.0] * len(SAMPLES)
 
