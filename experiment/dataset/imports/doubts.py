@@ -16,6 +16,9 @@ FASTEST_S, SLOWEST_S = 0.05, 60.0
 MOST_PHASES = 200
 """A column with more different cells than this does not name phases."""
 
+MOST_SCREENS = 12
+"""A column with more different cells than this does not name screens or kinds of rows."""
+
 PRACTICE = re.compile(
     r"(?<![a-z])(practi[cs]|training|warm[ _-]?up|familiari[sz]ation|tutorial|übung|uebung|probe(durchg|lauf|trial)"
     r"|(demo|demos|demonstration|prac)(?![a-z]))"
@@ -79,6 +82,42 @@ class Practice:
         rows = self._found[column]
         practised = {self._people[row] for row in rows}
         return any(row not in rows and who in practised for row, who in enumerate(self._people))
+
+
+class Unanswered:
+    """Which value of a column rows without any answer have, such as those of fixation crosses, gathered by the row."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Begin with no row; what `layout` names has another meaning."""
+        self._named = frozenset(layout.columns())
+        self._answers: dict[str, dict[str, list[int]]] = {}
+        self._many: set[str] = set()
+        self._rows = 0
+
+    def add(self, header: Sequence[str], cells: Sequence[str], *, answered: bool) -> None:
+        """Take the next trial."""
+        self._rows += 1
+        for column, cell in zip(header, cells, strict=False):
+            if column in self._many or column in self._named:
+                continue
+            known = self._answers.setdefault(column, {})
+            known.setdefault(cell, [0, 0])[answered] += 1
+            if len(known) > MOST_SCREENS:
+                self._many.add(column)
+
+    def doubts(self, stated: Stated) -> tuple[Finding, ...]:
+        """Return the first column of which some values are never answered, and others are, in a third of all rows."""
+        for column, known in self._answers.items():
+            never = {cell: none for cell, (none, some) in known.items() if not some and cell.strip() not in ABSENT}
+            rows = sum(never.values())
+            if column in self._many or len(never) == len(known) or rows * 3 < self._rows:
+                continue
+            says = " or ".join(map(quoted, list(never)[:3]))
+            options = [word for cell in never for word in ("--leave-out", f"{column}={cell}")]
+            what = f"{rows} of {self._rows} trials, where it is {says}, never have an answer and are counted"
+            remedy = stated.remedy("if they are none, delete the dataset and leave them out", *options)
+            return (Finding(what, field=f"column {column}", remedy=remedy, verdict="warns", check="no answer"),)
+        return ()
 
 
 def _practice(column: str, cell: str) -> str:

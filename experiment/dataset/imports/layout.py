@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from palpate.experiment.dataset.imports.times import is_several
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.settings.characters import quoted
 
@@ -17,6 +18,9 @@ WRONG = dict.fromkeys(("0", "0.0", "false", "incorrect", "no", "wrong", "miss"),
 
 ANY = "*"
 """In `leave_out`: any cell that is not empty."""
+
+SEVERAL = "[*, *]"
+"""In `leave_out`: any list of several elements."""
 
 MISSING_TIMES = ("negative", "zero")
 """Rules by which a response time counts as missing; a number names the value that stands for a missing one."""
@@ -92,8 +96,10 @@ class Layout:
         return tuple(dict.fromkeys(one for one in given if one is not None))
 
     def is_left_out(self, cell: str, value: str) -> bool:
-        """Return whether a value of `leave_out` is this cell's; `*` is any that is not empty."""
-        return cell == value or (value == ANY and cell not in ABSENT)
+        """Return whether a value of `leave_out` is this cell's; `*` is any that is not empty, `[*, *]` a list of
+        several.
+        """  # fmt: skip
+        return cell == value or (value == ANY and cell not in ABSENT) or (value == SEVERAL and is_several(cell))
 
     def label_in(self, path: Path) -> str:
         """Return the participant in a file's name. Raises `DatasetError` for a name that is not as stated."""
@@ -138,6 +144,6 @@ def cells(texts: Sequence[str]) -> tuple[tuple[str, str], ...]:
                 "--leave-out",
                 f"got {quoted(text)}",
                 "correct it",
-                allowed="COLUMN=VALUE, COLUMN= for an empty cell, or COLUMN=* for any other",
+                allowed=f"COLUMN=VALUE, COLUMN= for an empty cell, COLUMN=* for any other, or COLUMN={SEVERAL}",
             )
     return tuple((column.strip(), value.strip()) for column, _, value in found)

@@ -13,6 +13,7 @@ from palpate.experiment.settings.delimited import Stated, Table
 from palpate.experiment.settings.units import Heading, time_unit
 
 _LISTED = re.compile(r"\[\s*(?:'([^']*)'|\"([^\"]*)\"|([^\[\],'\"]*))\s*\]")
+_SEVERAL = re.compile(r"\[[^\[\]]*[^\[\]\s,][^\[\],]*,[^\[\]]*\]")
 _WITH_UNIT = re.compile(r"(.*[0-9.,])\s*([^\W\d_]+\.?)")
 
 
@@ -28,6 +29,11 @@ def bare(cell: str) -> str:
         values = list(held.values()) if isinstance(held, dict) else []
         return values[0].strip() if len(values) == 1 and isinstance(values[0], str) else cell
     return cell
+
+
+def is_several(cell: str) -> bool:
+    """Return whether a cell is a list of several elements, such as the keys that were pressed in one trial."""
+    return cell.startswith("[") and _SEVERAL.fullmatch(cell) is not None
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from palpate.experiment.dataset.imports.doubts import Practice, time_doubts
+from palpate.experiment.dataset.imports.doubts import Practice, Unanswered, time_doubts
 from palpate.experiment.dataset.imports.json_rows import UnderstoodJson
-from palpate.experiment.dataset.imports.layout import ABSENT, RIGHT, WRONG, Layout
+from palpate.experiment.dataset.imports.layout import ABSENT, RIGHT, SEVERAL, WRONG, Layout
 from palpate.experiment.dataset.imports.refusals import MOST_LISTED, Place, all_of, listed, refused
 from palpate.experiment.dataset.imports.runs import Runs
-from palpate.experiment.dataset.imports.times import Times, bare
+from palpate.experiment.dataset.imports.times import Times, bare, is_several
 from palpate.experiment.dataset.imports.trial_table import trial_table
 from palpate.experiment.errors import DatasetError, Finding, Remedy
 from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, TIE
@@ -102,7 +102,7 @@ class _Reader:
         self._paths, self._layout, self._materials, self._stated = paths, layout, materials, stated
         self._rows: list[Row] = []
         self._said: Counter[str] = Counter()
-        self._practice, self._runs = Practice(layout), Runs()
+        self._practice, self._runs, self._unanswered = Practice(layout), Runs(), Unanswered(layout)
         self._columns: set[str] = set()
         self._passed_over: list[str] = []
         self._understood: dict[int, Understood] = {}
@@ -137,6 +137,7 @@ class _Reader:
                     self._rows.append(row)
                     self._practice.add(row.participant, table.header, record.cells)
                     self._runs.add(table.header, record.cells)
+                    self._unanswered.add(table.header, record.cells, answered=row.answered != NO_ANSWER)
 
     def trials(self) -> Trials:
         """Return the trials. Raises `DatasetError` for all that is wrong."""
@@ -244,7 +245,8 @@ class _Reader:
                 raise cells.refused(layout.correct, "1 and 0, true and false, or correct and incorrect", remedy)
             return NO_ANSWER if right is None else presented if right else _WRONG
         said = cells.cell(layout.answered or "")
-        said = said if said in layout.answers else bare(said)
+        if said not in layout.answers:
+            said = self._one(cells, layout.answered or "")
         self._said[said] += 1
         answer = layout.answers.get(said, NO_ANSWER if said in ABSENT and said not in self._materials else said)
         if second is None or answer == NO_ANSWER:
@@ -261,10 +263,19 @@ class _Reader:
             )
         return chosen
 
+    def _one(self, cells: "_Cells", column: str) -> str:
+        """Return what a cell holds. Raises `DatasetError` for a list of several, which are one kind of error."""
+        if is_several(cell := cells.cell(column)):
+            remedy = self._remedy("leave such rows out", "--leave-out", f"{column}={SEVERAL}")
+            field = f"column {column}"
+            raise refused(cells.path, cells.place, field, "a list of several", "one, or what --map names", remedy)
+        return bare(cell)
+
     def _time_s(self, cells: "_Cells") -> float | None:
         column = self._layout.time
-        if column is None or bare(cell := cells.cell(column)) in ABSENT:
+        if column is None or self._one(cells, column) in ABSENT:
             return None
+        cell = cells.cell(column)
         value = cells.times.value(cell)
         if self._layout.is_missing(value):
             self._missing_times += 1
@@ -436,7 +447,8 @@ class _Reader:
             )
             for path in self._mixed
         )  # fmt: skip
-        return (*self._practice.doubts(self._stated), *time_doubts(times, self._layout, self._stated), *mixed)
+        rows = (*self._practice.doubts(self._stated), *self._unanswered.doubts(self._stated))
+        return (*rows, *time_doubts(times, self._layout, self._stated), *mixed)
 
     def _remedy(self, words: str, *options: str) -> Remedy | str:
         return self._stated.remedy(words, *options)
@@ -488,11 +500,14 @@ class _Cells:
         return self.cells[place].strip() if place < len(self.cells) else ""
 
     @property
+    def place(self) -> Place:
+        return Place(self.line, "element" if isinstance(self.table.understood, UnderstoodJson) else "line")
+
+    @property
     def fits(self) -> bool:
         return len(self.cells) == self.width or (
             len(self.cells) > self.width and not any(cell.strip() for cell in self.cells[self.width :])
         )
 
     def refused(self, column: str, allowed: str, remedy: Remedy | str) -> DatasetError:
-        place = Place(self.line, "element" if isinstance(self.table.understood, UnderstoodJson) else "line")
-        return refused(self.path, place, f"column {column}", quoted(self.cell(column)), allowed, remedy)
+        return refused(self.path, self.place, f"column {column}", quoted(self.cell(column)), allowed, remedy)

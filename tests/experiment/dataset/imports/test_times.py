@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from palpate.experiment.dataset.imports.layout import Layout
+from palpate.experiment.dataset.imports.layout import Layout, cells
 from palpate.experiment.dataset.imports.trial_files import read_trials
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, Remedy
 from palpate.experiment.settings.delimited import Stated
 
 IN_S = Layout("shown", "said", "who", time_s="rt")
@@ -52,3 +53,30 @@ def test_where_no_cell_is_a_time_the_remedy_leaves_the_column_aside_and_no_trial
         )
     assert str(refused.value).endswith("import-trials --study x")
     assert len(read_trials([path], Layout("shown", "said", "who")).rows) == 2
+
+
+@pytest.mark.parametrize("cell", ["['cork', 'felt'];0.5", "cork;[0.5, 1.25]", "['cork', 'felt'];[0.5, 1.25]"])
+def test_lists_of_several_are_one_kind_of_error_and_its_remedy_leaves_them_out(tmp_path: Path, cell: str) -> None:
+    path = _file(tmp_path, [cell, "felt;0.5", cell.replace("0.5", "0.75"), "cork;1.5", "cork;0.6"])
+    with pytest.raises(DatasetError) as refused:
+        read_trials([path], IN_S, stated=Stated(command=("palpate", "import-trials")))
+    remedy = refused.value.finding.remedy
+    assert isinstance(remedy, Remedy)
+    left_out = cells([remedy.command[-1]])
+    made = read_trials([path], replace(IN_S, leave_out=left_out))
+    assert [one.answered for one in made.rows] == ["felt", "cork", "cork"]
+    assert made.left_out == {left_out[0]: 2}
+
+
+def test_rows_of_a_screen_without_any_answer_are_a_caution(tmp_path: Path) -> None:
+    """As Gorilla writes a row for each fixation, and jsPsych for each cross."""
+    path = tmp_path / "trials.csv"
+    rows = [
+        f"1,cross,{one},,\n1,button,{one},{said},0.5\n" for one in ("felt", "cork") for said in ("felt", "", "cork")
+    ]
+    path.write_text("who,kind,shown,said,rt\n" + "".join(rows), "utf-8")
+    made = read_trials([path], IN_S, stated=Stated(command=("palpate", "import-trials")))
+    (doubt,) = made.doubts
+    assert isinstance(doubt.remedy, Remedy)
+    assert (doubt.check, doubt.remedy.command[-2:]) == ("no answer", ("--leave-out", "kind=cross"))
+    assert not read_trials([path], replace(IN_S, leave_out=cells(["kind=cross"]))).doubts
