@@ -387,7 +387,10 @@ def import_trials(
     ] = None,
     leave_out: Annotated[
         list[str] | None,
-        typer.Option("--leave-out", help="COLUMN=VALUE, leave out and count rows with this value there; * is any."),
+        typer.Option(
+            "--leave-out",
+            help="COLUMN=VALUE, leave out and count rows with this value there; * is any, [*, *] any list.",
+        ),
     ] = None,
     missing_time: Annotated[
         list[str] | None,
