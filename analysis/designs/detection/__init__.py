@@ -138,15 +138,17 @@ def _name(of: Track) -> str:
 def _threshold_words(of: Threshold) -> str:
     beyond = Counter(where for _, where in of.beyond)
     missed = "".join(f", and {where} in {plural(count, 'other')}" for where, count in beyond.items())
-    if of.fitted is None:
+    first, other, by = of.fitted, of.by_rule, "by the rule of the levels"
+    if of.is_posterior:
+        first, other, by = of.by_rule, of.fitted, "by the fit"
+    if first is None:
         every = " and ".join(f"{where} in {plural(count, 'participant')}" for where, count in beyond.items())
         return f"the threshold of {of.signal} is {every}" if beyond else f"no threshold of {of.signal}"
-    db = of.fitted
-    limits = "" if db.low is None or db.high is None else f" ({span(db.low, db.high, 2)})"
-    level = f"{number(db.value, 2)} dB{limits}"
-    peak = "" if of.peak_m_s2 is None else f", {of.peak_m_s2 * 10 ** (db.value / 20):.3g} m/s² at its peak,"
-    beside = "" if of.by_rule is None else f", and {number(of.by_rule.value, 2)} dB by the rule of the levels"
-    return f"the mean threshold of {of.signal} is {level}{peak} in {plural(db.n, 'participant')}{beside}{missed}"
+    limits = "" if first.low is None or first.high is None else f" ({span(first.low, first.high, 2)})"
+    level = f"{number(first.value, 2)} dB{limits}"
+    peak = "" if of.peak_m_s2 is None else f", {of.peak_m_s2 * 10 ** (first.value / 20):.3g} m/s² at its peak,"
+    beside = "" if other is None else f", and {number(other.value, 2)} dB {by}"
+    return f"the mean threshold of {of.signal} is {level}{peak} in {plural(first.n, 'participant')}{beside}{missed}"
 
 
 def _overview(study: Study, found: Detections) -> Section:
@@ -226,7 +228,7 @@ def _thresholds(found: Detections) -> Section:
          "high": of.high, "m_s2": None if one.peak_m_s2 is None else one.peak_m_s2 * 10 ** (of.value / 20)}
         for task in found.tasks
         for one in task.thresholds
-        for by, of in (("fit", one.fitted), ("rule of levels", one.by_rule))
+        for by, of in (("fit", one.fitted), ("rule of levels", one.by_rule))[:: -1 if one.is_posterior else 1]
         if of is not None
     ]  # fmt: skip
     notes = [

@@ -154,6 +154,7 @@ class Catches:
 class Threshold:
     """Mean thresholds of a signal over participants, dB, by the fits and by the rule of the levels.
 
+    `is_posterior` says that the rule is a posterior on the protocol's own thresholds, which errs less than the fit.
     `beyond` are the participants without one, and where theirs is; they are in no mean.
     """
 
@@ -161,6 +162,7 @@ class Threshold:
     peak_m_s2: float | None
     fitted: Mean | None
     by_rule: Mean | None
+    is_posterior: bool
     beyond: tuple[tuple[str, Beyond], ...] = ()
 
 
@@ -292,6 +294,7 @@ def _mean_threshold(tracks: Sequence[Track]) -> Threshold:
         next(iter(peaks)) if len(peaks) == 1 else None,
         mean(fitted) if len(fitted) else None,
         mean(by_rule) if len(by_rule) else None,
+        all(one.estimate.method == "posterior" for one in tracks),
         tuple((one.participant, one.beyond) for one in tracks if one.beyond),
     )
 

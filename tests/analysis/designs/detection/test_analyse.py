@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,11 @@ from syrupy.assertion import SnapshotAssertion
 
 import palpate
 from palpate.analysis.analyse import Analysis, analyse
+from palpate.analysis.designs import detection
 from palpate.analysis.designs.detection import results
 from palpate.analysis.export import files
 from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.analysis.statistics.participants import mean
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.models import Levels
 from palpate.experiment.study.levels.quest_plus import QuestPlus
@@ -226,3 +229,12 @@ def test_the_text_says_how_levels_and_thresholds_came_about(
 def test_levels_that_no_answer_moves_have_no_track_drawn(analysed: Analysis, two: Analysis) -> None:
     drawn = [{path.stem for path in (one.out / "figures").iterdir()} for one in (analysed, two)]
     assert drawn == [{"functions"}, {"tracks", "functions"}]
+
+
+@pytest.mark.parametrize(
+    ("is_posterior", "stated"), [(True, ("-12.00 dB", "-10.00 dB")), (False, ("-10.00 dB", "-12.00 dB"))]
+)
+def test_the_threshold_that_errs_less_is_stated_first(is_posterior: bool, stated: tuple[str, str]) -> None:
+    fitted, by_rule = mean(np.array([-11.0, -9.0])), mean(np.array([-13.0, -11.0]))
+    words = detection._threshold_words(results.Threshold("tone", 1.0, fitted, by_rule, is_posterior))
+    assert tuple(re.findall(r"-1\d\.00 dB", words)) == stated
