@@ -40,7 +40,7 @@ PATH = Path("sub-01_task-virtual_journal.jsonl")
 def study() -> Protocol:
     """Three materials, and so three tracks of two of them each."""
     tables = rendering()
-    task = tables["tasks"][0] | {"order": {"kind": "blocked-random"}, "repetitions": 30}
+    task = tables["tasks"][0] | {"order": {"kind": "blocked-random"}, "repetitions": 24}
     levels = leveled.LEVELS | {"grid": (0.1, 0.2, 0.4, 0.8), "first": 0.8, "reversals": 5}
     return ProtocolFile.model_validate(tables | {"format": 5, "tasks": (task | {"levels": levels},)})
 
@@ -119,7 +119,7 @@ def of_levels(recorded: Sequence[Entry]) -> list[int]:
 
 def test_pairs_of_one_material_are_not_presented() -> None:
     assert PROTOCOL.presentations(PROTOCOL.tasks[0]) == (("felt", "cork"), ("felt", "tin"), ("cork", "tin"))
-    assert PROTOCOL.trials(PROTOCOL.tasks[0]) == 90
+    assert PROTOCOL.trials(PROTOCOL.tasks[0]) == 72
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -139,7 +139,7 @@ def test_levels_of_each_track_are_those_of_the_printed_rule(seed: int) -> None:
         )
         assert [done.levels[trial] for trial in trials] == naive_levels(answers, rule)[:-1]
         assert (why == "reversals") == (naive_reversals(answers, rule.down or 0) == rule.reversals)
-        assert why == "reversals" or len(trials) == 30
+        assert why == "reversals" or len(trials) == 24
 
 
 @pytest.mark.parametrize("seed", SEEDS)
