@@ -467,7 +467,9 @@ class LinkedConsole:
                 reply = self._reply(question)
             return reply
         finally:
-            self._now(state="preparing", instruction="", pause_until_ns=None)
+            self._now(pause_until_ns=None)
+            if not (question.plays and (reply.key or question.unfelt)):
+                self._now(state="preparing", instruction="")
 
     def _arm(self, wanted: Arm) -> bool:
         """Show that an attempt is armed, once somebody is there; return whether anybody was waited for."""

@@ -67,7 +67,7 @@ def prompt(view: View, answers: Mapping[str, str]) -> Prompt:
     return Prompt(
         show=show,
         text=view.instruction if show in ("wait", "instructions", "ready", "coming", "compare") else "",
-        interval=view.interval,
+        interval=view.interval if show == "coming" else None,
         again=bool(view.again) and show == "ready",
         unplayed=show == "masker" and asked is not None and PROBE_KEY not in {one.key for one in asked.choices},
         answers=tuple(answers.values()) if show in ("answer", "compare") else (),

@@ -26,6 +26,10 @@ OLDER = (2, 3)
 """Formats in which the design was a part of the kind; `older` reads them."""
 
 
+ASKING = 7
+"""The first format in which a design asks its own question."""
+
+
 def _since_7() -> Any:
     return Field(None, json_schema_extra={"since": 7})
 
@@ -512,8 +516,8 @@ class Protocol(Confined):
         return task.materials or tuple(material.id for material in self.materials)
 
     def question(self, task: Task) -> str:
-        """Return what participants are asked in each trial of a task; empty where that is what they felt."""
-        return task.question or design_of(task.design).asks(self)
+        """Return what participants are asked in each trial of a task; empty where the words of the rig ask."""
+        return task.question or (design_of(task.design).asks(self) if self.format >= ASKING else "")
 
     def presentations(self, task: Task) -> tuple[tuple[str, ...], ...]:
         """Return what a block of a task presents: each of its materials, or every pair of two, without levels one with

@@ -169,8 +169,8 @@ class Kind(Protocol):
         """What can be felt while the participant gets familiar, by its key; none where nothing is played then."""
         return {}
 
-    def present(self, key: str) -> None:
-        """Play one of `samples`, and put it on record. Raises `PalpateError`."""
+    def present(self, key: str) -> bool:
+        """Play one of `samples`, and put it on record; return whether it was felt. Raises `PalpateError`."""
         raise RuntimeError(f"a kind of trial without samples got {key}")
 
     def lacking(self) -> str:

@@ -7,7 +7,7 @@ import math
 import shutil
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import date
@@ -133,6 +133,12 @@ def _check_same_session(path: Path, found: entries.Header, asked: entries.Header
             if name == "rig_sha256":
                 remedy = f"continue with {rig_path(path)}; a rig that was calibrated since is another apparatus"
             raise JournalError(path, f"the session was begun with another {name}{shown}", remedy)
+
+
+def _times(names: Mapping[str, str], handled: Counter[str], how: str) -> str:
+    """Return how often each of these was felt or handled, for the record; nothing if none was."""
+    told = ", ".join(f"{names[key]} {times}" for key, times in handled.items())
+    return f"; {how}: {told}" if told else ""
 
 
 def _onward(done: Progress, stopped_on: date) -> str:
@@ -273,6 +279,7 @@ class _Session:
         )
         self._attendance = Attendance(remarks=self._attempts.remarks, exposed=self._exposed, ear=self._ear)
         self._state = State.READY
+        self._noisy = False
 
     def run(self, contents: journal.Contents) -> entries.Footer:
         try:
@@ -286,14 +293,7 @@ class _Session:
     def _run(self, contents: journal.Contents) -> entries.Footer:
         try:
             self._begin(contents)
-            self._mask()
-            if self._masking is None and self.noise and self.log.done.remaining:
-                # That the noise plays is confirmed, and put on record.
-                text = f"{self.noise} Does it play?"
-                question = Agree(text, "yes, it plays, and that holds", "no, pause")
-                if self.devices.console.ask(question).key != YES:
-                    raise PauseAsked("no noise masks the trials")
-                self.log.write(entries.Note(trial=None, text=f"The experimenter confirmed: {self.noise}"))
+            self._begin_noise()
             if self.log.done.remaining and any(task.control for task in self.protocol.tasks):
                 control = import_module("palpate.experiment.session.answering.control")
                 control.confirm(self.protocol, self._task, self.devices.console, self.log)
@@ -322,6 +322,20 @@ class _Session:
         self._exposed.close()
         if self._ear is not None:
             self._ear.close()
+
+    def _begin_noise(self) -> None:
+        """Have what masks begin, unless it has: before the first stimulus that is felt."""
+        if self._noisy:
+            return
+        self._noisy = True
+        self._mask()
+        if self._masking is None and self.noise and self.log.done.remaining:
+            # That the noise plays is confirmed, and put on record.
+            text = f"{self.noise} Does it play?"
+            question = Agree(text, "yes, it plays, and that holds", "no, pause")
+            if self.devices.console.ask(question).key != YES:
+                raise PauseAsked("no noise masks the trials")
+            self.log.write(entries.Note(trial=None, text=f"The experimenter confirmed: {self.noise}"))
 
     def _mask(self) -> None:
         """Have the masker begin where trials remain, and its level chosen."""
@@ -477,6 +491,8 @@ class _Session:
         else:
             self._question("before")
             self._follow(Event.BEGIN)
+            if self._attempts.kind.samples:
+                self._begin_noise()
             self._familiarise()
             self._follow(Event.FAMILIARISED)
 
@@ -495,23 +511,21 @@ class _Session:
         shown = self.protocol.materials_of(self._task)
         kind = self._attempts.kind
         names = kind.samples or {one.key: one.id for one in self.protocol.materials if one.key and one.id in shown}
-        while True:
-            counts = {key: f"{name} ({handled[key]})" for key, name in names.items()}
-            unfelt = [key for key in kind.samples if not handled[key]]
+        while not (kind.samples and self._exposed.end_reason()):
+            is_open = not kind.samples or lasted_s < wanted.max_s
+            counts = {key: f"{name} ({handled[key]})" for key, name in names.items() if is_open}
+            unfelt = [key for key in kind.samples if is_open and not handled[key]]
             left_s = wanted.min_s - lasted_s, wanted.max_s - lasted_s
             question = Familiarise(wanted.instruction, *left_s, counts, plays=bool(kind.samples), unfelt=bool(unfelt))
             key = self.devices.console.ask(question).key
-            chosen = [key] if key in names else unfelt
-            handled.update(chosen)
-            for one in filter(kind.samples.get, chosen):
-                kind.present(one)
+            chosen = [key] if key in counts else unfelt
+            handled.update(one for one in chosen if one not in kind.samples or kind.present(one))
             lasted_s = (clock.now_ns() - begun_ns) / 1e9
-            if not chosen and lasted_s >= wanted.min_s:
+            if chosen:
+                continue
+            if lasted_s >= wanted.min_s:
                 break
-            if not chosen:
-                asked = f"{wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
-                self.devices.console.tell(Notice(f"It is too early to go on: the protocol asks for {asked}."))
-        told = ", ".join(f"{names[key]} {times}" for key, times in handled.items())
-        how = "felt" if kind.samples else "handled"
-        detail = f"{lasted_s:.1f} s{f'; {how}: {told}' if told else ''}"
-        self.log.write(entries.Phase(state=FAMILIARISED, detail=detail))
+            asked = f"{wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
+            self.devices.console.tell(Notice(f"It is too early to go on: the protocol asks for {asked}."))
+        told = _times(names, handled, "felt" if kind.samples else "handled")
+        self.log.write(entries.Phase(state=FAMILIARISED, detail=f"{lasted_s:.1f} s{told}"))

@@ -10,6 +10,9 @@ from palpate.experiment.protocol.kinds import ProtocolKind, number_at, table_at,
 from palpate.experiment.protocol.models import KindTable
 from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Name, Rules, Table
 
+SAMPLE_KEYS = "123456789abcdefghijklmnopqrstuvwxyz"
+"""Keys of what is felt in the familiarisation, where materials have none."""
+
 OF_STEPS = ("frames-lost", "speed-below", "speed-above")
 """What only a footstep has, for an exclusion rule to judge."""
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from palpate.experiment.protocol.blocks import Block, Item, Said, named, number
-from palpate.experiment.protocol.kinds.presented import Part, Presented, PresentedStimulus
+from palpate.experiment.protocol.kinds.presented import SAMPLE_KEYS, Part, Presented, PresentedStimulus
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.protocol.page.words import KindWords
 
@@ -88,10 +88,21 @@ def _felt(protocol: Protocol, task: Task) -> str:
     lasts_s = {one.material: one.lasts_s for one in protocol.table(Presented).stimuli}
     once_s = sum(lasts_s.get(material, 0.0) for one in protocol.presentations(task) for material in one)
     total_s = number(round(task.repetitions * once_s, 1))
-    return f"In task {task.id} stimuli last {total_s} s in all at most, if no trial is repeated."
+    before_s = number(task.familiarisation.max_s)
+    return (
+        f"In task {task.id} stimuli last {total_s} s in all at most, if no trial is repeated, and its familiarisation "
+        f"plays some for {before_s} s at most."
+    )
 
 
 def _odd(protocol: Protocol) -> Iterator[tuple[str, str, str]]:
+    for i, task in enumerate(protocol.tasks):
+        samples = len(protocol.materials_of(task)) * (1 if task.levels is None else 2)
+        if samples > len(SAMPLE_KEYS):
+            allowed = (
+                f"as a rule {len(SAMPLE_KEYS)} or fewer: the familiarisation has keys for so many, and plays no others"
+            )
+            yield f"tasks[{i}].materials", f"{samples} stimuli to become familiar with", allowed
     stimuli, peaks_m_s2 = protocol.table(Presented).stimuli, protocol.table(Presented).peaks_m_s2
     silent = {one.material for one in stimuli if all(part.silence is not None for part in one.parts)}
     longest_s = max((one.lasts_s for one in stimuli if one.material not in silent), default=0.0)

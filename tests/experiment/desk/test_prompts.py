@@ -19,6 +19,11 @@ WORDS = tuple(SHOWN.values())
 LEVEL = keyed({"+": "louder", "-": "softer", ENTER: "keep"}, by="participant")
 
 
+@pytest.mark.parametrize(("state", "shown"), [("armed", "interval 1"), ("paused", "break"), ("waiting", "wait")])
+def test_an_interval_is_on_record_only_while_it_is_shown(state: str, shown: str) -> None:
+    assert prompt(View.model_validate({"state": state, "interval": 1}), {}).on_record == shown
+
+
 @given(view=views)
 def test_nothing_that_is_presented_reaches_the_screen(view: View) -> None:
     assert MARK.encode() not in line(prompt(view, {}))

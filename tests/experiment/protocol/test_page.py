@@ -159,9 +159,10 @@ CASES += [
 ]
 
 
+GROUPS = {"test": "difference of groups", "tasks": ("one",), "question": "Do they differ?", "groups": "sex"}
 ASKED = ProtocolFile.model_validate(
     changed(
-        changed(PLANNED, ("asked",), asked("one")),
+        changed({**PLANNED, "format": 7, "analysis": (*PLANNED["analysis"], GROUPS)}, ("asked",), asked("one")),
         ("sharing",),
         {**SHARING, "facts": ("age",), "questionnaires": ("before",)},
     )
@@ -171,7 +172,7 @@ CASES += [
     (ASKED, path, value, other)
     for path, kind, value in fields(ASKED)
     for other in others(kind, value)
-    if path[0] in ("asked", "sharing")
+    if path[0] in ("asked", "sharing") or path[-1] == "groups"
 ]
 
 

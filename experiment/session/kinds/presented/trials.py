@@ -13,7 +13,7 @@ from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.desk.messages import Measured
 from palpate.experiment.desk.questions import INTERRUPTED, Play, Played, Playing
 from palpate.experiment.errors import ActuatorError, cause
-from palpate.experiment.protocol.kinds.presented import Presented
+from palpate.experiment.protocol.kinds.presented import SAMPLE_KEYS, Presented
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.presented import CutShort, Interval, Presentation, Sample, all_delivered
 from palpate.experiment.session.kind import FarEnds, Kind, Lent, Seen, SessionKind, Sitting, open_actuator
@@ -41,9 +41,6 @@ MARKED_NS = 250_000_000
 
 SAMPLES_APART_NS = 1_000_000_000
 """So much silence at least before a stimulus of the familiarisation, ns. Ours."""
-
-SAMPLE_KEYS = "123456789abcdefghijklmnopqrstuvwxyz"
-"""Keys of what is felt in the familiarisation, where materials have none."""
 
 MAY = "feel what comes"
 """What the participant may do once an attempt is armed."""
@@ -161,13 +158,18 @@ class Presentations(Kind):
         named = all(one in keys for one in own) and len(levels) == 1
         return zip([keys[one] for one in own] if named else SAMPLE_KEYS, felt, strict=False)
 
-    def present(self, key: str) -> None:
+    def present(self, key: str) -> bool:
         material, level = dict(self._keyed)[key]
         self._sounded, apart_ns = [], max(int(self._table.gap_s * 1e9), SAMPLES_APART_NS)
-        self._play(material, scaled(self._devices.stimuli[material], level), self._lent.clock.now_ns() + apart_ns)
-        for one in self._sounded:
-            self._lent.log.write(Sample(level=level, interval=one.on_record()))
-            self._lent.console.tell(Played(0, 1))
+        stimulus, from_ns = scaled(self._devices.stimuli[material], level), self._lent.clock.now_ns() + apart_ns
+        try:
+            reason = self._play(material, stimulus, from_ns)
+        finally:
+            intervals = tuple(one.on_record() for one in self._sounded)
+            for one in intervals:
+                self._lent.log.write(Sample(level=level, interval=one))
+        self._lent.console.tell(Played(0, 1))
+        return not reason and all_delivered(intervals) is not False
 
     def _set_off(self, armed: Armed) -> str:
         """Wait until something or somebody sets the stimuli off; return why nothing may be felt, or nothing."""

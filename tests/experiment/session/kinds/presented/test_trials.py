@@ -249,6 +249,44 @@ def test_what_a_participant_gets_familiar_with_is_played_and_on_record(tmp_path:
     assert first.intervals[0].onset_ns > last.interval.onset_ns
 
 
+def familiar(folder: Path, *keys: str, **wanted: float) -> Bench:
+    """One in which a participant gets familiar with felt and cork first."""
+    study = presenting()
+    task = study["tasks"][0]
+    study["tasks"] = ({**task, "familiarisation": {**task["familiarisation"], **wanted}},)
+    bench = Bench(folder, ProtocolFile.model_validate(study), PRESENTED[:2], "fk")
+    bench.opens = PresentedDevices
+    bench.console.handles.extend(keys)
+    return bench
+
+
+def test_what_was_not_delivered_was_not_felt_and_plays_again(tmp_path: Path) -> None:
+    bench = familiar(tmp_path, ENTER, ENTER)
+    bench.actuator.heard.append(Delivered(requested_ns=0, xruns=1, delivered=False, reason="an xrun"))
+    assert bench.run().reason == "complete"
+    assert [entry.interval.material for entry in bench.of(Sample)] == ["felt", "cork", "felt"]
+    assert [" ".join(sorted(counts.values())) for counts in bench.console.counts] == [
+        "cork (0) felt (0)",
+        "cork (1) felt (0)",
+    ]
+
+
+def test_what_sounded_is_on_record_whatever_comes_after(tmp_path: Path) -> None:
+    bench = familiar(tmp_path, ENTER)
+    bench.actuator.heard.append(ActuatorError("actuator", "went away"))
+    with pytest.raises(ActuatorError):
+        bench.run()
+    (sample,) = bench.of(Sample)
+    assert progress(bench.entries).vibration_s == sample.interval.stimulus.lasts_s
+
+
+def test_after_its_longest_time_a_familiarisation_plays_nothing(tmp_path: Path) -> None:
+    bench = familiar(tmp_path, *"ffffffff", min_s=0, max_s=4)
+    assert bench.run().reason == "complete"
+    assert 3 <= len(bench.of(Sample)) <= 4
+    assert bench.console.counts[-1] == {}
+
+
 def test_each_share_of_a_row_is_of_the_stimulus_that_is_worst_by_it() -> None:
     bare = {"asked_sha256": "", "floored_bins": 0, "extrapolated": False, "handed_sha256": "", "handed_unit": "V"}
     rest = {**bare, "handed_peak": 1.0, "samples": 5, "rate_hz": 5000, "limited": 0, "reached_peak_m_s2": 1.0}
