@@ -87,6 +87,11 @@ class Rings:
         """Return the vibration of a tap at a speed, m/s, zero or more: it is linear in the speed (1)."""
         return Ring(speed_m_s * self.unit.waveform_m_s2, self.unit.rate_hz)
 
+    def later(self, seconds: float) -> "Rings":
+        """Return the same vibrations after a silence of so long, s, zero or more, to the nearest sample."""
+        silence = np.zeros(round(seconds * self.unit.rate_hz))
+        return Rings(Ring(np.concatenate([silence, self.unit.waveform_m_s2]), self.unit.rate_hz))
+
     def scaled(self, factor: float) -> "Rings":
         """Return the same vibrations, each multiplied by a factor."""
         return Rings(Ring(factor * self.unit.waveform_m_s2, self.unit.rate_hz))

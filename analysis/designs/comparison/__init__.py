@@ -18,6 +18,7 @@ import pandas as pd
 
 from palpate.analysis.designs import AnalysisDesign, Described
 from palpate.analysis.designs.comparison import results
+from palpate.analysis.designs.comparison.by_number import REDUCED, WORDS, delays, factors
 from palpate.analysis.designs.comparison.estimates import Estimate
 from palpate.analysis.designs.comparison.force import force_sections
 from palpate.analysis.designs.comparison.results import (
@@ -91,15 +92,6 @@ VALUES = (
     Column("of", "material", left=True), Column("value", decimals=2), Column(("low", "high"), "95 % CI", 2),
     Column("step", "above the one before", 2), Column(("step_low", "step_high"), "95 % CI", 2),
 )  # fmt: skip
-BY_FACTOR = (
-    Column("factor", left=True), Column("level", show="{:g}".format), Column("value", decimals=2),
-    Column(("low", "high"), "95 % CI", 2), Column("doubling", "a doubling", 2),
-    Column(("doubling_low", "doubling_high"), "95 % CI", 2), Column("across", "the range", 2),
-    Column(("across_low", "across_high"), "95 % CI", 2),
-)  # fmt: skip
-FACTORS = "factors"
-"""The planned test of what of a stimulus carries the quality."""
-
 AUTHORS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
 """Whose law each one is, in a sentence."""
 
@@ -116,7 +108,12 @@ def sections(study: Study, results: Compared, printed: Published | None) -> tupl
     tests = (plan.PAIRS, *map(str.title, LAWS))
     against = [stands.of_any(tests, task.task.id) for task in results.tasks]
     parts = {
-        stands.results: (plan.marked(pairs, *against), _scales(results, stands), *_factors(results, stands)),
+        stands.results: (
+            plan.marked(pairs, *against),
+            _scales(results, stands),
+            *factors(results, stands),
+            *delays(results, stands),
+        ),
         "Exploratory": (plan.marked(_bias(results), plan.EXPLORATORY),),
         "Left out": (plan.exclusions_section(study),),
         ON_METHODS: tuple(
@@ -142,8 +139,8 @@ def _answers(study: Study, results: Compared, stands: plan.Standing) -> Section:
     asked = []
     for (law, tasks), question in planned.items():
         said, warnings = [], []
-        if law == FACTORS:
-            said = [f"{task.task.id}: {_factor_words(task)}" for task in results.tasks if task.task.id in tasks]
+        if law in WORDS:
+            said = [f"{task.task.id}: {WORDS[law](task)}" for task in results.tasks if task.task.id in tasks]
             asked.append(Asked(question, " ".join(said), stands.mark(law, *tasks)))
             continue
         for task in (one for one in results.tasks if one.task.id in tasks):
@@ -165,7 +162,7 @@ def _overview(study: Study, results: Compared) -> Section:
          "without_answer": task.unanswered}
         for task in results.tasks
     )  # fmt: skip
-    found = plan.overview(study, rows, partial(_scale_words, results), (*map(str.title, LAWS), FACTORS))
+    found = plan.overview(study, rows, partial(_scale_words, results), (*map(str.title, LAWS), *WORDS))
     by = "" if results.quality == UNNAMED else f" by their {results.quality}"
     about = (
         f"Pairs of materials were compared{by}. From the least to the most the protocol has "
@@ -195,12 +192,6 @@ def _answers_section(study: Study, results: Compared, mark: str) -> Section:
     notes = (f"Neighbours in {results.quality}: how often they were told right{of}, with participants as the units.",)
     table = tabulate("Neighbours", NEIGHBORS, records, notes, standing=mark)
     return Section("found", plan.FOUND, tuple(paragraphs), (table,))
-
-
-REDUCED = (
-    "Some choices never varied, so no finite scale is the most likely one. This scale is bias-reduced (Firth 1993): "
-    "its longest steps are cautious."
-)
 
 
 def _why(missing: Scaled, results: Compared) -> str:
@@ -273,8 +264,8 @@ def _side(step: Estimate) -> str:
 def _scale_words(results: Compared, test: PlannedTest) -> str:
     """Return in words what was run of a planned scale."""
     said = []
-    if test.test == FACTORS:
-        said = [_factor_words(one) for one in results.tasks if one.task.id in test.tasks]
+    if test.test in WORDS:
+        said = [WORDS[test.test](one) for one in results.tasks if one.task.id in test.tasks]
         return "; ".join(said) or "not run: no trial"
     for task in test.tasks:
         found = next((one for one in results.tasks if one.task.id == task), None)
@@ -347,50 +338,6 @@ def _in_print(study: Study, results: Compared, tasks: list[TaskComparisons]) -> 
         title = f"{task.task.title}: {table.where} of the paper"
         tables.append(tabulate(title, BESIDE_PRINT, records, [note], in_print={"printed"}))
     return Section("printed", "Beside the printed percentages", (about,), tuple(tables))
-
-
-def _factor_words(task: TaskComparisons) -> str:
-    """Return in a sentence what a doubling of each factor adds, and which of the first two adds more."""
-    if (found := task.factors) is None:
-        return "the protocol states no two numbers that vary over all stimuli."
-    if not found.factors:
-        return f"no scale by factors: {found.statement}."
-    each = [f"{of.name} adds {number(of.doubling.value, 2)} ({interval(of.doubling, 2)})" for of in found.factors]
-    said = f"in logits, a doubling of {', of '.join(each)}"
-    if found.apart is None:
-        return f"{said}."
-    one, other = (of.name for of in found.factors[:2])
-    return f"{said}; of {one} it adds {number(found.apart.value, 2)} ({interval(found.apart, 2)}) more than of {other}."
-
-
-def _factors(results: Compared, stands: plan.Standing) -> tuple[Section, ...]:
-    """Return the scales by factor, where stimuli have any."""
-    known = [(task, task.factors) for task in results.tasks if task.factors is not None]
-    tables = []
-    for task, found in known:
-        records: list[Record] = [
-            {"task": task.task.id, "factor": of.name, "level": level, "value": one.value, **ends(one),
-             "doubling": of.doubling.value, **ends(of.doubling, "doubling_"), "across": of.across.value,
-             **ends(of.across, "across_")}
-            for of in found.factors
-            for level, one in zip(of.levels, of.effects, strict=True)
-        ]  # fmt: skip
-        notes = [
-            "In logits, from the lowest level of each factor; a doubling and the whole range are by a line in octaves. "
-            "Intervals are over participants."
-        ]
-        if found.p is not None:
-            notes.append(
-                f"The scale of all materials fits better than the sum of factors with {p_is(found.p)}, as if answers "
-                "were independent."
-            )
-        notes += filter(None, (REDUCED if found.reduced else "", found.statement))
-        title, mark = f"{task.task.title}: by factor", stands.mark(FACTORS, task.task.id)
-        tables.append(tabulate(title, BY_FACTOR, records, notes, standing=mark))
-    if not known:
-        return ()
-    said = tuple(f"{task.task.id}: {_factor_words(task)}" for task, _ in known)
-    return (Section("factors", f"Factors of {results.quality}", said, tuple(tables)),)
 
 
 def _bias(results: Compared) -> Section:

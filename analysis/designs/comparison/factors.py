@@ -72,8 +72,8 @@ def _fitted(data: Comparisons, varied: Mapping[str, Floats]) -> Factored:
     by_slope, by_level = (scaling.fit_terms(data, terms) for terms in (slopes, dummies))
     people, start, factors = len(np.unique(data.person)), 0, []
     for place, (key, of) in enumerate(levels.items()):
-        effects = [by_level.combined(_one(len(by_level.values), start + i)) for i in range(len(of) - 1)]
-        along = _one(len(by_slope.values), place)
+        effects = [by_level.combined(one_of(len(by_level.values), start + i)) for i in range(len(of) - 1)]
+        along = one_of(len(by_slope.values), place)
         start += len(of) - 1
         factors.append(
             Factor(
@@ -84,18 +84,19 @@ def _fitted(data: Comparisons, varied: Mapping[str, Floats]) -> Factored:
                 estimate(*by_slope.combined(along * np.log2(of[-1] / of[0])), people),
             )
         )
-    first_two = _one(len(by_slope.values), 0) - _one(len(by_slope.values), 1)
+    first_two = one_of(len(by_slope.values), 0) - one_of(len(by_slope.values), 1)
     return Factored(
-        tuple(factors), estimate(*by_slope.combined(first_two), people), _p(data, by_level), by_level.reduced
+        tuple(factors), estimate(*by_slope.combined(first_two), people), whole_beyond(data, by_level), by_level.reduced
     )
 
 
-def _one(size: int, place: int) -> Floats:
+def one_of(size: int, place: int) -> Floats:
+    """Return weights, shape (size,), of which the one at a place is 1 and the others 0."""
     return np.asarray(np.arange(size) == place, dtype=np.float64)
 
 
-def _p(data: Comparisons, main: scaling.Terms) -> float | None:
-    """Return the P of what the scale of all materials explains beyond main effects; None where either is reduced."""
+def whole_beyond(data: Comparisons, main: scaling.Terms) -> float | None:
+    """Return the P of what the scale of all materials explains beyond terms; None where either is reduced."""
     try:
         whole = scaling.fit(data, "bradley-terry")
     except NotDefined:

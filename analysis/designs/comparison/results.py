@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from palpate.analysis.designs.comparison.delays import Delayed, delayed
 from palpate.analysis.designs.comparison.estimates import Estimate, estimate
 from palpate.analysis.designs.comparison.factors import Factored, factored
 from palpate.analysis.published.numbers import Published
@@ -131,6 +132,7 @@ class TaskComparisons:
     people: tuple[Person, ...]
     scales: tuple[Scaled, ...]
     factors: Factored | None
+    delays: Delayed | None
     in_print: InPrint | None
 
     def pair(self, one: int, other: int) -> Pair:
@@ -214,6 +216,7 @@ def _task(study: Study, task: Task, printed: Published | None) -> TaskComparison
     right = _right(data)
     first = data.chosen == FIRST
     pairs = tuple(_pair(data, right, *pair) for pair in combinations_with_replacement(range(data.items), 2))
+    numbers = _numbers(study, task)
     laws: tuple[Law, ...] = ("bradley-terry", "thurstone")
     if asked.TIE in study.designs[task.id].answers:
         laws = ("davidson",)
@@ -229,7 +232,8 @@ def _task(study: Study, task: Task, printed: Published | None) -> TaskComparison
             for n, who in enumerate(people)
         ),
         scales=tuple(scaled(data, law) for law in laws),
-        factors=factored(data, study.materials, _numbers(study, task)),
+        factors=factored(data, study.materials, numbers),
+        delays=delayed(data, study.materials, numbers),
         in_print=_in_print(pairs, task.id, printed, study.materials),
     )
 

@@ -16,7 +16,7 @@ NAMED = {FIRST: "the material presented first", SECOND: "the one presented secon
 
 TESTS = {
     **dict.fromkeys(("Bradley-Terry", "Thurstone", "Davidson"), PlannableTest()),
-    "factors": PlannableTest(since=7),
+    **dict.fromkeys(("factors", "delays"), PlannableTest(since=7)),
 }
 """The planned tests."""
 
@@ -47,7 +47,7 @@ def _rules(table: Table) -> Iterator[Broken]:
     """The design `comparison` needs `[comparison]`.
 
     No material has `key` or `spoken`, `answers.microphone` is false, and the planned tests are `Bradley-Terry`,
-    `Thurstone` and `factors`, or, where there is a `tie_key`, `Davidson`.
+    `Thurstone`, `factors` and `delays`, or, where there is a `tie_key`, `Davidson`.
     """
     if table.get("comparison") is None:
         yield Broken(("comparison",), "a table: tasks of the design 'comparison' need it")

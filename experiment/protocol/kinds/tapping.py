@@ -20,11 +20,19 @@ class VirtualSurface(Confined):
         material: whose surface it is.
         attack_hz: f of Wellman and Howe.
         amplitude: L of Wellman and Howe: strength at 200 mm/s, as a part of `tapping.full_m_s2`.
+        delay_ms: so long after the touch it begins to vibrate; below zero before it, which takes a prediction and an
+            actuator on the audio device; all surfaces or none state it.
     """
 
     material: Name
     attack_hz: Annotated[float, Field(gt=0, le=20_000)]
     amplitude: Annotated[float, Field(ge=0, le=1)]
+    delay_ms: Annotated[float, Field(ge=-20, le=50)] | None = Field(None, json_schema_extra={"since": 7})
+
+    @property
+    def after_ms(self) -> float:
+        """How long after the touch it begins to vibrate, ms; before it where negative."""
+        return self.delay_ms or 0.0
 
 
 class Tapping(KindTable):
@@ -57,6 +65,16 @@ class Tapping(KindTable):
     surfaces: tuple[VirtualSurface, ...] = ()
     force_error_max: Annotated[float, Field(gt=0, le=1)] | None = Field(None, json_schema_extra={"since": 7})
 
+    @property
+    def numbers(self) -> dict[str, dict[str, float]]:
+        delays = ((one.material, one.delay_ms) for one in self.surfaces)
+        return {material: {"delay_ms": delay_ms} for material, delay_ms in delays if delay_ms is not None}
+
+    @property
+    def ahead_ms(self) -> float:
+        """How long before the touch the earliest surface begins to vibrate, ms."""
+        return max((-one.after_ms for one in self.surfaces if one.after_ms < 0), default=0.0)
+
 
 def rendered(protocol: Protocol) -> Tapping | None:
     """Return how a study's virtual surfaces are rendered; None in a study without any."""
@@ -67,7 +85,8 @@ def _rules(table: Table) -> Iterator[Broken]:
     """The kind `tapping` is of the design `comparison`.
 
     A task whose `stimulus` is `virtual` needs `[tapping]` with a surface for each material, and
-    `exposure.force_peak_n`; `masker.probe` is left out; exclusion rules judge answers and withdrawals.
+    `exposure.force_peak_n`; `masker.probe` is left out; exclusion rules judge answers and withdrawals; where one
+    surface has `delay_ms`, all have.
     """
     if table_at(table, "masker").get("probe") is not None:
         yield Broken(("masker", "probe"), "no table: real samples play no probe")
@@ -82,6 +101,10 @@ def _rules(table: Table) -> Iterator[Broken]:
         if one not in ids or one in surfaces[:i]:
             allowed = f"one of the materials, each once: {', '.join(map(str, ids))}"
             yield Broken(("tapping", "surfaces", i, "material"), allowed)
+    delays = [one.get("delay_ms") for _, one in tables_at(table_at(table, "tapping"), "surfaces")]
+    if any(one is None for one in delays) and any(one is not None for one in delays):
+        allowed = "a number of milliseconds, 0 at the touch: other surfaces state it"
+        yield Broken(("tapping", "surfaces", delays.index(None), "delay_ms"), allowed)
 
 
 def _lacking(table: Table, without: list[str]) -> Iterator[Broken]:

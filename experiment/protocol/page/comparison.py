@@ -18,6 +18,8 @@ WORDS = DesignWords(
     tests={
         "factors": "what a doubling of each number that varies over the stimuli adds on a scale of Bradley and Terry, "
         "with 95 % intervals over participants",
+        "delays": "what a vibration adds that comes earlier or later than the touch, on a scale of Bradley and Terry, "
+        "and which delay is just noticed, with 95 % intervals over participants",
     },
     track="each two materials",
     pairs=lambda _: (

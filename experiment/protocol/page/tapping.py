@@ -37,13 +37,26 @@ def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
     )
     for one in virtual.surfaces:
         ring = round(one.amplitude * virtual.full_m_s2, 6)
-        yield Item(f"{named(one.material)}: {number(one.attack_hz)} Hz, {number(ring)} m/s^2.")
+        when = "" if one.delay_ms is None else f", {_when(one.delay_ms)}"
+        yield Item(f"{named(one.material)}: {number(one.attack_hz)} Hz, {number(ring)} m/s^2{when}.")
+    if ahead_ms := virtual.ahead_ms:
+        yield Said(
+            f"A vibration of up to {number(ahead_ms)} ms before the touch is timed by a prediction from how the hand "
+            "falls, whose error is on record. A hand that falls too fast or too unevenly to be predicted gets it at "
+            "the touch, and one that turns back may have felt it: both are on record."
+        )
     yield Said(
         "The participant changes from one surface of a pair to the other as often as they wish: they say so, and the "
         f"experimenter presses [{virtual.switch_key}]. No answer is taken before both were tapped. A lamp says when "
         f"the hand is faster than {number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer "
         "was right."
     )
+
+
+def _when(delay_ms: float) -> str:
+    if not delay_ms:
+        return "at the touch"
+    return f"{number(abs(delay_ms))} ms {'after' if delay_ms > 0 else 'before'} the touch"
 
 
 def _force(limit_n: float, virtual: Tapping) -> str:
@@ -70,7 +83,8 @@ def _force(limit_n: float, virtual: Tapping) -> str:
 def _felt(protocol: Protocol, task: Task) -> str:
     if (virtual := rendered(protocol)) is None:
         return ""
-    faded_ms = 1e3 * log(1e3) / virtual.decay_per_s
+    latest_ms = max((one.delay_ms or 0.0 for one in virtual.surfaces), default=0.0)
+    faded_ms = 1e3 * log(1e3) / virtual.decay_per_s + max(latest_ms, 0.0)
     told = f"In task {task.id} the finger vibrates at every tap, and nothing limits taps but the time."
     return f"{told} Each time it has faded to a thousandth after {faded_ms:.0f} ms."
 

@@ -73,6 +73,14 @@ def protocol(**how: Any) -> Protocol:
     return ProtocolFile.model_validate(comparing(**how))
 
 
-_MOVED = changed(rendering(), ("tapping", "mass_kg"), 2.0)
+def delayed(*delays_ms: float) -> dict[str, Any]:
+    """The same, each surface with its delay."""
+    study = rendering()
+    surfaces = zip(study["tapping"]["surfaces"], delays_ms, strict=True)
+    study["tapping"]["surfaces"] = tuple({**one, "delay_ms": delay_ms} for one, delay_ms in surfaces)
+    return study
+
+
+_MOVED = changed(delayed(-20.0, 0.0, 50.0), ("tapping", "mass_kg"), 2.0)
 STUDIES = (protocol(tie_key="3"), ProtocolFile.model_validate(changed(_MOVED, ("tapping", "force_error_max"), 0.5)))
 """Together they state every key of taps and of comparisons."""

@@ -3,7 +3,7 @@
 It judges hardness by how high taps feel (`surfaces.felt_hz`), with an error a sample: the higher live sample is the
 harder one; for virtual ones of Table 1 hardness is FITTED to Table 3 of Wellman and Howe (`surfaces.virtual_hardness`).
 A pair that feels nearly alike takes longer. `experiment/decisions.md` has the other parameters, none of which is
-fitted.
+fitted. A vibration that comes later feels as more of whatever is asked.
 """
 
 import time
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo.opening import servo_of
@@ -44,6 +45,12 @@ AGAIN = 0.3
 
 THRESHOLD_M_S2 = 0.1
 """A vibration with a lower peak is not felt. Ours: no tap of Table 1 is as weak."""
+
+LATER_MS = 10.0
+"""So much later a vibration feels as much more of whatever is asked as what is just told apart. Ours."""
+
+BEGINS_PART = 0.05
+"""A vibration begins where it first exceeds this part of its peak. Ours."""
 
 FELT_TIMEOUT_S = 5.0
 """How long a vibration is waited for, and its entry in the journal, wall-clock time, s."""
@@ -148,10 +155,16 @@ class SimulatedTapper(SimulatedPerson):
                 time.sleep(_LOOK_S)
         weak = felt is None or np.abs(felt).max(initial=0.0) < THRESHOLD_M_S2
         height_hz = None if felt is None or weak else surfaces.felt_hz(felt, fingers.rate_hz)
+        later = 0.0 if felt is None or weak else DISCRIMINATION * _silent_ms(felt, fingers.rate_hz) / LATER_MS
         if not self._in_table_1:
-            return float(np.log(height_hz or 1.0)), 1.0
+            return float(np.log(height_hz or 1.0)) + later, 1.0
         hardness, error = surfaces.virtual_hardness(height_hz)
-        return DISCRIMINATION * hardness, error
+        return DISCRIMINATION * hardness + later, error
+
+
+def _silent_ms(felt: NDArray[np.float64], rate_hz: int) -> float:
+    """Return how long after the touch a vibration, shape (n,), begins, ms."""
+    return float(np.argmax(np.abs(felt) > BEGINS_PART * np.abs(felt).max())) / rate_hz * 1e3
 
 
 def _person(parts: Parts, **everybody: Any) -> SimulatedTapper:

@@ -21,6 +21,7 @@ from palpate.experiment.apparatus.tracker.landing import Falling, Landing, Landi
 from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Step
+from palpate.experiment.records.entries import Note
 from palpate.experiment.records.kinds.tapping import ForceTrace, Place, Pushed, Tapped
 from palpate.experiment.records.stimulus import Onset
 from palpate.experiment.session.kind import Lent, nothing_more
@@ -55,13 +56,17 @@ KEEPS_NS = 2_000_000_000
 
 @dataclass(frozen=True)
 class Lying:
-    """The surface that the hand meets: of which attempt, at which place of the pair, and its vibrations."""
+    """The surface that the hand meets: of which attempt, at which place of the pair, and its vibrations.
+
+    They begin `ahead_ns` before the touch; later ones begin with silence.
+    """
 
     trial: int
     attempt: int
     place: Place
     material: str
     rings: Rings
+    ahead_ns: int = 0
 
 
 @dataclass
@@ -196,15 +201,15 @@ class Taps:
             if landing is None and self._sounding is not None and self._sounding.touch is None:
                 self._withdraw()
             return
-        contact_ns = clock.session_ns(landing.us)
-        left_ns, one = contact_ns - self.lent.clock.now_ns() - self.actuator.lead_ns, self._sounding
+        onset_ns = clock.session_ns(landing.us) - lying.ahead_ns
+        left_ns, one = onset_ns - self.lent.clock.now_ns() - self.actuator.lead_ns, self._sounding
         if left_ns > AHEAD_NS:
             return
         aimed = one is not None and one.touch is None and one.scheduled_ns is not None
-        if one is None or not aimed or (left_ns >= MAKES_NS and self.actuator.aim(contact_ns)):
+        if one is None or not aimed or (left_ns >= MAKES_NS and self.actuator.aim(onset_ns)):
             one = self._ready(lying, max(_speed_mm_s(state, landing.us), 0.0))
-        if one.touch is None and self.actuator.aim(contact_ns):
-            one.aimed, one.scheduled_ns = landing, contact_ns
+        if one.touch is None and self.actuator.aim(onset_ns):
+            one.aimed, one.scheduled_ns = landing, onset_ns
 
     def _touched(self, touch: Touch, felt: Felt) -> None:
         self._armed = False
@@ -256,7 +261,7 @@ class Taps:
             contact_ns=one.contact_ns,
             scheduled_ns=one.scheduled_ns,
             gate_to_scheduled_ms=None,
-            delivered=self.actuator.delivered(one.contact_ns),
+            delivered=self.actuator.delivered(one.contact_ns - one.lying.ahead_ns),
         )
         self._sounding = None
         self.lent.log.write(
@@ -289,9 +294,9 @@ class Taps:
         self.lent.log.write(Pushed(trace=trace, cycles=numbers.size, lost=lost))
 
     def _withdraw(self) -> None:
-        if self._sounding is not None:
-            self.actuator.withdraw()
-            self._sounding = None
+        one, self._sounding = self._sounding, None
+        if one is not None and not self.actuator.withdraw() and one.touch is None:
+            self.lent.log.write(Note(trial=one.lying.trial, text="A vibration began, and no touch followed it."))
 
 
 def _speed_mm_s(state: Falling, us: float) -> float:

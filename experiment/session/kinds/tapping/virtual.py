@@ -73,10 +73,8 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     drive = open_drive(sitting.rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
     actuator = open_actuator(sitting, drive, stream=stream, ends=ends, opened=opened)
-    rings = {
-        name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=virtual.full_m_s2)
-        for name, surface in surfaces(virtual).items()
-    }
+    if not rig.rig.simulated and (unable := unscheduled(virtual, rig, sitting.rig_file)):
+        raise unable
     force = ends.force(opened)
     port, clock_map = ends.tracker(opened)
     servo = open_servo(
@@ -93,6 +91,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
         stream.allow(servo.is_live)
     tracker = tracker_of(rig)
     noise_mm = tracker.noise_mm if tracker.noise_mm is not None else QUIETEST_MM
+    rings = vibrations(virtual, rig.actuator.rate_hz)
     return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=tracker.rate_hz), noise_mm, opened)
 
 
@@ -102,6 +101,8 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
     virtual, device, tracker = protocol.table(Tapping), servo_of(rig), tracker_of(rig)
     passivity.refuse_beyond(virtual, device, tracker, rig=rig.rig.name)
     budget.refuse_beyond(virtual, device, tracker, limit_n=limit_n(protocol, rig), rig=rig.rig.name)
+    if unable := unscheduled(virtual, rig, rig_file):
+        raise unable
     refuse_unmeasured(rig_file, rig, today)
     zeroing.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
@@ -119,6 +120,8 @@ def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tup
     )
     if not bears:
         return told, RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
+    if unable := unscheduled(virtual, rig, rig_file):
+        return told, unable
     return told, None if right else RigError.at(budget.refusal(virtual, felt, rig=rig.rig.name))
 
 
@@ -136,8 +139,7 @@ def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
     drive = open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2)
     condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive)
     shares = {}
-    for name, surface in surfaces(virtual).items():
-        rings = tap.rings(surface, rate_hz=actuator.rate_hz, aluminum_m_s2=virtual.full_m_s2)
+    for name, rings in vibrations(virtual, actuator.rate_hz).items():
         error, _ = condition(rings.at(tap.REFERENCE_M_S)).budget()
         shares[name] = error.left_out
     most = max(shares, key=lambda name: shares[name])
@@ -157,6 +159,25 @@ def surfaces(virtual: Tapping) -> dict[str, Surface]:
         )
         for one in virtual.surfaces
     }
+
+
+def vibrations(virtual: Tapping, rate_hz: int) -> dict[str, Rings]:
+    """Return the vibrations of each surface at the actuator's rate; those that come after the touch begin silent."""
+    made = surfaces(virtual)
+    return {
+        one.material: tap.rings(made[one.material], rate_hz=rate_hz, aluminum_m_s2=virtual.full_m_s2).later(
+            max(one.after_ms, 0.0) * 1e-3
+        )
+        for one in virtual.surfaces
+    }
+
+
+def unscheduled(virtual: Tapping, rig: Rig, rig_file: Path) -> RigError | None:
+    """Return why a rig cannot vibrate before a touch; None where it can or need not."""
+    if not virtual.ahead_ms or rig.actuator.driver == "audio":
+        return None
+    what = f"cannot vibrate {virtual.ahead_ms:g} ms before a touch, as the protocol has it"
+    return RigError(rig_file, what, "take an actuator on the audio device, which plays at a time", allowed="audio")
 
 
 def block(virtual: Tapping, *, tracker_hz: int) -> Block:
@@ -261,4 +282,6 @@ class VirtualSurfaces(Kind):
     def _lay(self, pair: PairLaidOut, place: int) -> None:
         self._at, material = place, pair.presented[place]
         rings = self.rings[material].scaled(self.lent.log.done.levels.get(pair.trial, 1.0))
-        self.taps.lay(Lying(pair.trial, pair.attempt, PLACES[place], material, rings))
+        after_ms = self.lent.protocol.table(Tapping).numbers.get(material, {}).get("delay_ms", 0.0)
+        ahead_ns = round(max(-after_ms, 0.0) * 1e6)
+        self.taps.lay(Lying(pair.trial, pair.attempt, PLACES[place], material, rings, ahead_ns))

@@ -16,6 +16,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
+from palpate.experiment.apparatus import rig
 from palpate.experiment.apparatus.servo.record import ForceRecord
 from palpate.experiment.apparatus.servo.rendering import Felt, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
@@ -25,9 +26,9 @@ from palpate.experiment.dataset import build
 from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
-from palpate.experiment.protocol.models import Step
+from palpate.experiment.protocol.models import Protocol, Step
 from palpate.experiment.records import transcript
-from palpate.experiment.records.entries import Answer, PlannedTrial, Redo
+from palpate.experiment.records.entries import Answer, Note, PlannedTrial, Redo
 from palpate.experiment.records.kinds.tapping import Changed, Place, Pushed, Tapped
 from palpate.experiment.rehearsal.kinds.tapping import hand
 from palpate.experiment.session import attempt, exposure, runner
@@ -35,9 +36,8 @@ from palpate.experiment.session.kind import Lent
 from palpate.experiment.session.kinds.tapping import taps, virtual
 from palpate.experiment.session.kinds.tapping.taps import Taps
 from palpate.experiment.session.kinds.tapping.virtual import PLACES
-from palpate.experiment.synthesis import tap
 from palpate.experiment.synthesis.contact.block import Block
-from tests.experiment.protocol.tapping import rendering
+from tests.experiment.protocol.tapping import delayed, rendering
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.kinds.tapping.bench import contents
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole
@@ -147,11 +147,13 @@ class Session:
         lead_ns: int = 0,
         felt: tuple[Place, ...] = PLACES,
         servo: ScriptedServo | None = None,
+        protocol: Protocol = PROTOCOL,
+        sounds_anyway: bool = False,
     ) -> None:
         """Begin; the hand has been at the places `felt` before it does what the script says."""
         clock = ManualClock(START_NS)
         self.servo, self.actuator, self.dataset = servo or ScriptedServo(), ScriptedActuator(), dataset
-        self.actuator.lead_ns = lead_ns
+        self.actuator.lead_ns, self.actuator.sounds_anyway = lead_ns, sounds_anyway
         hands = deque(hand for hand, _ in script)
         self.left: list[bool] = []
         """Whether a block is there when each key is pressed."""
@@ -165,18 +167,17 @@ class Session:
             self.left.append(self.servo.rendered[-1] is not None)
 
         self.desk = ScriptedConsole(clock, [key for _, key in script], before_ask=tapping)
-        surfaces = virtual.surfaces(PROTOCOL.table(Tapping))
         devices = Devices(
             servo=self.servo,
             actuator=self.actuator,
-            rings={name: tap.rings(one, rate_hz=RATE_HZ, aluminum_m_s2=40.0) for name, one in surfaces.items()},
-            block=virtual.block(PROTOCOL.table(Tapping), tracker_hz=1000),
+            rings=virtual.vibrations(protocol.table(Tapping), RATE_HZ),
+            block=virtual.block(protocol.table(Tapping), tracker_hz=1000),
             noise_mm=0.01,
             opened=ExitStack(),
         )
         with devices.opened:
             self.footer = runner.run(
-                protocol=PROTOCOL.model_copy(update={"tasks": (PROTOCOL.tasks[0].model_copy(update={"id": "live"}),)}),
+                protocol=protocol.model_copy(update={"tasks": (protocol.tasks[0].model_copy(update={"id": "live"}),)}),
                 header=ASKED,
                 devices=attempt.Devices(kind=devices, console=self.desk, clock=clock, masker=None, reconnect_s=1.0),
                 rig_file=shipped("rigs/rehearsal.toml"),
@@ -275,6 +276,55 @@ def test_a_vibration_is_aimed_at_the_touch_that_is_predicted_and_at_none_that_do
     assert tapped.onset.scheduled_ns == pytest.approx(CLOCK.session_ns(touch_us), abs=100_000)
     assert len(session.actuator.played) == 1
     assert session.actuator.withdrawn >= 1
+
+
+def falling(speed: float, *, turns_mm: float | None = None) -> list[Felt | PalpateError]:
+    """A hand that falls straight from 10 mm above the face, read every 2 ms, and touches, or turns back before it."""
+    begin_us = 200_000_000
+    touch_us = begin_us + 10.0 / speed * 1e6
+    down = [(us, 10.0 - (us - begin_us) * 1e-6 * speed) for us in range(begin_us, int(touch_us) + 3000, 400)]
+    if turns_mm is not None:
+        down = [one for one in down if one[1] > turns_mm]
+        down += [(down[-1][0] + n * 400, down[-1][1] + n * 0.04) for n in range(1, 60)]
+    reads = [samples(down[n : n + 5]) for n in range(0, len(down), 5)]
+    return [*reads] if turns_mm else [*reads[:-1], replace(reads[-1], touches=(Touch(touch_us, speed, speed),))]
+
+
+EARLY = ProtocolFile.model_validate(delayed(-20.0, 0.0, 50.0))
+
+
+def test_a_vibration_before_the_touch_is_aimed_ahead_of_the_touch_that_is_predicted(tmp_path: Path) -> None:
+    session = Session([(falling(110.0), "1"), ([], "2")], tmp_path, lead_ns=5_000_000, protocol=EARLY)
+    (tapped,) = session.entries(Tapped)
+    assert tapped.onset.scheduled_ns is not None
+    assert tapped.onset.prediction_error_ms is not None
+    # `felt` comes first, 20 ms before the touch; 25 ms ahead a straight fall is known to a millisecond.
+    ahead_ms = (tapped.onset.scheduled_ns - tapped.onset.contact_ns) / 1e6
+    assert ahead_ms == pytest.approx(-20.0 + tapped.onset.prediction_error_ms, abs=0.01)
+    assert abs(tapped.onset.prediction_error_ms) < 1
+
+
+def test_a_later_vibration_begins_with_silence_of_its_delay(tmp_path: Path) -> None:
+    session = Session([([touch(100.0)], "s"), ([touch(100.0, 2_000_000)], "1"), ([], "2")], tmp_path, protocol=EARLY)
+    at_once, late = session.actuator.played
+    # `tin` comes second, 50 ms after the touch.
+    assert np.flatnonzero(late)[0] - np.flatnonzero(at_once)[0] == round(0.05 * RATE_HZ)
+
+
+def test_a_vibration_that_began_before_a_touch_that_did_not_come_is_on_record(tmp_path: Path) -> None:
+    script: Script = [(falling(110.0, turns_mm=1.0), "1"), ([], "2")]
+    for sounds, folder in ((True, tmp_path / "sounded"), (False, tmp_path / "withdrawn")):
+        session = Session(script, folder, lead_ns=5_000_000, protocol=EARLY, sounds_anyway=sounds)
+        assert session.entries(Tapped) == []
+        assert len(session.entries(Note)) == sounds
+
+
+def test_a_rig_that_plays_at_no_set_time_is_refused_for_a_vibration_before_the_touch() -> None:
+    rig_file = shipped("rigs/tapping.toml")
+    loaded = rig.load(rig_file)
+    late = ProtocolFile.model_validate(delayed(0.0, 10.0, 50.0))
+    assert virtual.unscheduled(EARLY.table(Tapping), loaded, rig_file) is not None
+    assert virtual.unscheduled(late.table(Tapping), loaded, rig_file) is None
 
 
 def sped_up(before_us: int) -> list[Felt | PalpateError]:

@@ -1,0 +1,118 @@
+"""What the numbers of stimuli add to the quality that was compared, as sections: factors, and delays of a vibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from palpate.analysis.designs.comparison.delays import STEP_MS, Side
+from palpate.analysis.designs.comparison.results import Compared, TaskComparisons
+from palpate.analysis.documents.tables import Column, Record, Section, ends, interval, number, p_is, tabulate
+from palpate.analysis.report.plan import Standing
+
+REDUCED = (
+    "Some choices never varied, so no finite scale is the most likely one. This scale is bias-reduced (Firth 1993): "
+    "its longest steps are cautious."
+)
+
+BY_FACTOR = (
+    Column("factor", left=True), Column("level", show="{:g}".format), Column("value", decimals=2),
+    Column(("low", "high"), "95 % CI", 2), Column("doubling", "a doubling", 2),
+    Column(("doubling_low", "doubling_high"), "95 % CI", 2), Column("across", "the range", 2),
+    Column(("across_low", "across_high"), "95 % CI", 2),
+)  # fmt: skip
+BY_DELAY = (
+    Column("task", left=True), Column("delay_ms", "delay, ms", show="{:g}".format), Column("value", decimals=2),
+    Column(("low", "high"), "95 % CI", 2),
+)  # fmt: skip
+FACTORS, DELAYS = "factors", "delays"
+"""The planned tests of what of a stimulus carries the quality."""
+
+
+def _factor_words(task: TaskComparisons) -> str:
+    """Return in a sentence what a doubling of each factor adds, and which of the first two adds more."""
+    if (found := task.factors) is None:
+        return "the protocol states no two numbers that vary over all stimuli."
+    if not found.factors:
+        return f"no scale by factors: {found.statement}."
+    each = [f"{of.name} adds {number(of.doubling.value, 2)} ({interval(of.doubling, 2)})" for of in found.factors]
+    said = f"in logits, a doubling of {', of '.join(each)}"
+    if found.apart is None:
+        return f"{said}."
+    one, other = (of.name for of in found.factors[:2])
+    return f"{said}; of {one} it adds {number(found.apart.value, 2)} ({interval(found.apart, 2)}) more than of {other}."
+
+
+def factors(results: Compared, stands: Standing) -> tuple[Section, ...]:
+    """Return the scales by factor, where stimuli have any."""
+    known = [(task, task.factors) for task in results.tasks if task.factors is not None]
+    tables = []
+    for task, found in known:
+        records: list[Record] = [
+            {"task": task.task.id, "factor": of.name, "level": level, "value": one.value, **ends(one),
+             "doubling": of.doubling.value, **ends(of.doubling, "doubling_"), "across": of.across.value,
+             **ends(of.across, "across_")}
+            for of in found.factors
+            for level, one in zip(of.levels, of.effects, strict=True)
+        ]  # fmt: skip
+        notes = [
+            "In logits, from the lowest level of each factor; a doubling and the whole range are by a line in octaves. "
+            "Intervals are over participants."
+        ]
+        if found.p is not None:
+            notes.append(
+                f"The scale of all materials fits better than the sum of factors with {p_is(found.p)}, as if answers "
+                "were independent."
+            )
+        notes += filter(None, (REDUCED if found.reduced else "", found.statement))
+        title, mark = f"{task.task.title}: by factor", stands.mark(FACTORS, task.task.id)
+        tables.append(tabulate(title, BY_FACTOR, records, notes, standing=mark))
+    if not known:
+        return ()
+    said = tuple(f"{task.task.id}: {_factor_words(task)}" for task, _ in known)
+    return (Section("factors", f"Factors of {results.quality}", said, tuple(tables)),)
+
+
+def _delay_words(task: TaskComparisons) -> str:
+    """Return in sentences what a vibration further from the touch adds, and which delay is just noticed."""
+    if (found := task.delays) is None:
+        return "the protocol states no delays that differ."
+    if not found.sides:
+        return f"no scale by delay: {found.statement}."
+    return " ".join(map(_side_words, found.sides))
+
+
+def _side_words(side: Side) -> str:
+    name = "earlier" if side.early else "later"
+    said = f"{STEP_MS:g} ms {name} adds {number(side.slope.value, 2)} logits ({interval(side.slope, 2)})"
+    if side.noticed_high_ms is None or side.noticed_ms is None or side.noticed_low_ms is None:
+        return f"{said}, so that no delay of these is surely noticed."
+    within = f"{side.noticed_low_ms:.0f} to {side.noticed_high_ms:.0f} ms"
+    return f"{said}; {side.noticed_ms:.0f} ms {name} is just noticed (95 % CI {within})."
+
+
+def delays(results: Compared, stands: Standing) -> tuple[Section, ...]:
+    """Return what each delay adds, where surfaces have delays."""
+    known = [(task, task.delays) for task in results.tasks if task.delays is not None]
+    tables = []
+    for task, found in known:
+        records: list[Record] = [
+            {"task": task.task.id, "delay_ms": delay_ms, "value": one.value, **ends(one)}
+            for delay_ms, one in zip(found.delays_ms, found.effects, strict=True)
+        ]
+        notes = ["In logits, from the delay nearest the touch. Intervals are over participants."]
+        if found.p is not None:
+            notes.append(
+                "The scale of all delays fits better than a line on either side of the touch with "
+                f"{p_is(found.p)}, as if answers were independent."
+            )
+        notes += filter(None, (REDUCED if found.reduced else "", found.statement))
+        mark = stands.mark(DELAYS, task.task.id)
+        tables.append(tabulate(f"{task.task.title}: by delay", BY_DELAY, records, notes, standing=mark))
+    if not known:
+        return ()
+    said = tuple(f"{task.task.id}: {_delay_words(task)}" for task, _ in known)
+    return (Section("delays", f"Delays and {results.quality}", said, tuple(tables)),)
+
+
+WORDS: Mapping[str, Callable[[TaskComparisons], str]] = {FACTORS: _factor_words, DELAYS: _delay_words}
+"""What each planned test of these says of a task."""
