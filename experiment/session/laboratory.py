@@ -91,11 +91,12 @@ def header(
     """
     protocol, rig = sitting.protocol, sitting.rig
     participant, task_id = sitting.participant, sitting.task_id
-    recordings_sha256 = None
+    recordings_sha256 = floor_m_s2 = None
     if sitting.recordings is not None:
         from palpate.experiment.recordings import manifest
 
         recordings_sha256 = manifest.sha256(sitting.recordings)
+        floor_m_s2 = kind_of(protocol.task(task_id).kind).floor_m_s2(protocol, participant)
     ours = software.this()
     return Header(
         session_id=secrets.token_hex(16),
@@ -106,7 +107,7 @@ def header(
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),
         recordings_sha256=recordings_sha256,
-        floor_m_s2=kind_of(protocol.task(task_id).kind).floor_m_s2(protocol, participant),
+        floor_m_s2=floor_m_s2,
         roster_sha256=None if admission is None else admission.roster.lines.end.last,
         seal_sha256=None if admission is None else admission.approved.seal_sha256,
         consent_sha256=None if admission is None else admission.consent_sha256,

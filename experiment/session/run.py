@@ -23,6 +23,7 @@ from palpate.experiment.errors import (
 )
 from palpate.experiment.findings import shown
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.kinds import kind_of
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose, Visited
@@ -151,8 +152,10 @@ def prepare(
     if not asked_first:
         admit(root, protocol_file, protocol, allocation, tasks[0], str(rig_file), today)
     synthesised = [task for task in tasks if scene.plan(protocol=protocol, task_id=task).synthesis]
-    for kind in {session_kind(protocol.task(task)): None for task in synthesised}:
+    for kind, own in {session_kind(one): kind_of(one.kind) for one in map(protocol.task, synthesised)}.items():
         recordings = kind.real_recordings(root, recordings, protocol)
+        if (floor := own.floor_m_s2(protocol, participant)) is not None:
+            console.tell(Notice(f"Thresholds measured before: {participant} feels nothing below {floor:g} m/s^2."))
     _judge_rig(protocol, rig, rig_file, recordings, tasks, console)
     return _Visit(
         protocol_file=protocol_file,

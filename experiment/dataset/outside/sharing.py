@@ -51,6 +51,7 @@ TRACE = re.compile(r"recording-(foot|force)\d*_physio\.(tsv\.gz|json)")
 """What palpate writes of a foot or a force; a laboratory's own recordings beside it are not shared."""
 
 UNLICENSED = "because no file stimuli/LICENSE states their licence"
+OF_PEOPLE = "because it has labels and numbers of people of another study"
 
 FACTS = ("Format", "Study", "Origin", "Label", "Tasks", "Ordered", "Versions")
 """What palpate says of a dataset and shares; adverse events and deviations are free text."""
@@ -121,6 +122,7 @@ def share(root: Path, out: Path) -> Copy:
     _check_smallest(root, dataset, smallest)
     licensed = dataset.plan is not None or (root / "stimuli" / "LICENSE").is_file()
     left_out = {} if licensed else dict.fromkeys(_stimuli(root, dataset), UNLICENSED)
+    left_out |= {name: OF_PEOPLE for version in _versions(dataset) for name in _of_people(version)}
     anchor = checks.keep_anchor(root)[0] if dataset.roster else checks.anchor(root)
     labels = _drawn(chosen)
     copy = Copy(out, len(labels), absent, smallest, left_out, anchor.line.rpartition(" ")[2])
@@ -264,6 +266,11 @@ def _stimuli(root: Path, dataset: Dataset) -> Iterator[str]:
     yield from sorted({name for version in _versions(dataset) for name in version.companions})
 
 
+def _of_people(version: Protocol) -> set[str]:
+    """Return the names of what stands beside a protocol and is no recording: tables of people."""
+    return {name for name in version.companions if not name.lower().endswith(".wav")}
+
+
 def _drawn(labels: Sequence[str]) -> dict[str, str]:
     """Return a new label for each, drawn from the system's randomness, of which nothing is kept."""
     places = list(range(1, len(labels) + 1))
@@ -318,7 +325,7 @@ def _inherited(root: Path, part: Path) -> bids.Files:
 
 
 def _protocols(part: Path, dataset: Dataset, *, licensed: bool) -> bids.Files:
-    """Return each version of the protocol, without its comments, its seal, and what stands beside it if `licensed`."""
+    """Return each version of the protocol, without its comments, its seal, and what may be shared beside it."""
     written: bids.Files = {}
     for number, version in _numbered(dataset).items():
         path = storage.protocol_path(part, number)
@@ -326,7 +333,7 @@ def _protocols(part: Path, dataset: Dataset, *, licensed: bool) -> bids.Files:
         ethics = stated["ethics"]
         ethics.update({key: date.fromisoformat(ethics[key]) for key in ("approved_on", "expires_on") if key in ethics})
         written[path] = tomlkit.dumps(stated).encode()
-        for name in version.companions if licensed else ():
+        for name in sorted({*version.companions} - _of_people(version)) if licensed else ():
             written[path.with_name(name)] = files.companion(version, name)
         seal = approval.seal_path(storage.protocol_path(dataset.root, number))
         if seal.exists():

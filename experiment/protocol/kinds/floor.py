@@ -6,6 +6,7 @@ The file is `thresholds.csv` of `palpate export` of a study of detection whose s
 
 import csv
 import math
+import re
 from collections.abc import Mapping
 
 from palpate.experiment.errors import ProtocolError, mismatch
@@ -13,7 +14,8 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.kinds.footstep import Footstep, Measured
 from palpate.experiment.protocol.models import Protocol
 
-COLUMNS = ("dataset", "participant", "frequency_hz", "floor_rms_m_s2")
+COLUMNS = ("dataset", "participant", "frequency_hz", "floor_rms_m_s2", "beyond")
+NUMBER = re.compile(r"[0-9]+\.?[0-9]*(e[+-]?[0-9]+)?")
 MEASURED = "measured"
 """What the first column has of a dataset that nobody simulated."""
 
@@ -27,33 +29,37 @@ def floor_m_s2(protocol: Protocol, participant: str | None) -> float:
     Raises `ProtocolError` for a file that is gone, another, or without thresholds, and for a participant without any.
     """
     least, measured = least_m_s2(protocol), _measured(protocol)
-    most = protocol.table(Footstep).tactile.floor_m_s2
-    if measured.whose == "everybody":
-        return min(most, *least.values())
-    if participant is None:
-        return min(most, max(least.values()))
+    if measured.whose == "everybody" or participant is None:
+        return range_m_s2(protocol)[1]
     if participant not in least:
-        allowed = f"one with a threshold in {measured.file}: {', '.join(least)}"
-        raise ProtocolError.in_file(
-            protocol.folder / measured.file, [mismatch("participant", None, participant, allowed)]
-        )
-    return min(most, least[participant])
+        allowed = f"one whose thresholds are known, in {measured.file}: {', '.join(least)}"
+        problem = mismatch("participant", None, participant, allowed)
+        raise ProtocolError.in_file(protocol.folder / measured.file, [problem])
+    return min(protocol.table(Footstep).tactile.floor_m_s2, least[participant])
+
+
+def range_m_s2(protocol: Protocol) -> tuple[float, float]:
+    """Return the least and the largest floor that any participant has, m/s^2 rms. Raises as `floor_m_s2`."""
+    least, most = sorted(least_m_s2(protocol).values()), protocol.table(Footstep).tactile.floor_m_s2
+    return min(most, least[0]), min(most, least[0 if _measured(protocol).whose == "everybody" else -1])
 
 
 def least_m_s2(protocol: Protocol) -> Mapping[str, float]:
-    """Return the least lower limit of each participant's thresholds, m/s^2 rms. Raises as `floor_m_s2`."""
-    least: dict[str, float] = {}
+    """Return the least lower limit of each participant's thresholds, m/s^2 rms. Raises as `floor_m_s2`.
+
+    Who may have felt less than any level, or whose threshold is not known, has none; of everybody's, nobody has.
+    """
+    least, unknown = dict[str, float](), dict[str, str]()
     for row in _rows(protocol):
-        try:
-            floor = float(row["floor_rms_m_s2"])
-        except ValueError:
-            continue
-        if math.isfinite(floor) and floor > 0:
-            who = row["participant"].removeprefix("sub-")
+        cell, who = row["floor_rms_m_s2"], row["participant"].removeprefix("sub-")
+        if NUMBER.fullmatch(cell) and (floor := float(cell)) > 0:
             least[who] = min(floor, least.get(who, math.inf))
-    if not least:
-        raise _unusable(protocol, "no floor_rms_m_s2 above 0")
-    return least
+        elif NUMBER.fullmatch(row["frequency_hz"]) and row["beyond"] != "above the highest level":
+            unknown[who] = f"{row['beyond'] or 'no threshold'}, for {who} at {row['frequency_hz']} Hz"
+    known = {who: floor for who, floor in least.items() if who not in unknown}
+    if not known or (unknown and _measured(protocol).whose == "everybody"):
+        raise _unusable(protocol, "; ".join(unknown.values()) or "no floor_rms_m_s2 above 0")
+    return known
 
 
 def refuse_simulated(protocol: Protocol) -> None:

@@ -35,7 +35,7 @@ def _synthesised(footstep: Footstep) -> Iterator[Block]:
         yield Said(
             "In place of that number stands, where it is less, the weakest vibration (rms, at any frequency) that "
             f"{'the participant' if own else 'anybody'} may have felt in an earlier study: the lower limit of the 95 % "
-            f"of {'their own thresholds; nobody takes part of whom it has none' if own else 'all thresholds'}. File:"
+            f"of {'thresholds under their label; nobody without takes part' if own else 'all thresholds'}. File:"
         )
         yield Quoted(f"{measured.file}, SHA-256 {measured.sha256}")
     yield Said(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 from pathlib import Path
 
 import pytest
 
+from palpate.analysis import export
+from palpate.analysis.reading.dataset import read
 from palpate.experiment.errors import ProtocolError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import ProtocolFile, shipped
@@ -16,15 +19,16 @@ from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import page
 from palpate.experiment.session.kinds.footstep.preparation import floor_m_s2
+from tests.analysis.designs.detection.sample import TRACK, dataset, two_rows
 from tests.experiment.protocol.small import SMALL
 
 THRESHOLDS = """\
-dataset,participant,task,frequency_hz,threshold_rms_m_s2,floor_rms_m_s2
-measured,sub-01,sole,10.0,0.25,0.2
-measured,sub-01,sole,100.0,0.15,0.11
-measured,sub-02,sole,10.0,0.09,0.07
-measured,sub-02,sole,100.0,NA,NA
-measured,sub-03,sole,100.0,0.9,0.8
+dataset,participant,task,frequency_hz,threshold_rms_m_s2,floor_rms_m_s2,beyond
+measured,sub-01,sole,10.0,0.25,0.2,
+measured,sub-01,sole,100.0,0.15,0.11,
+measured,sub-02,sole,10.0,0.09,0.07,
+measured,sub-02,sole,100.0,NA,NA,above the highest level
+measured,sub-03,sole,100.0,0.9,0.8,
 """
 
 
@@ -59,6 +63,37 @@ def test_the_floor_is_the_least_that_may_have_been_felt(
     assert floor_m_s2(protocol, participant) == rms_m_s2
 
 
+def test_plan_states_the_range_of_the_participants_floors(tmp_path: Path) -> None:
+    assert floor.range_m_s2(named(tmp_path, "participant")) == (0.07, 0.4)
+    assert floor.range_m_s2(named(tmp_path, "everybody")) == (0.07, 0.07)
+
+
+@pytest.mark.parametrize("beyond", ["below the lowest level", ""])
+def test_who_may_have_felt_less_than_was_measured_has_no_floor(beyond: str, tmp_path: Path) -> None:
+    text = THRESHOLDS.replace("above the highest level", beyond)
+    with pytest.raises(ProtocolError) as error:
+        floor_m_s2(named(tmp_path, "everybody", text))
+    assert error.value.findings[0].field == "file"
+    protocol = named(tmp_path, "participant", text)
+    assert floor_m_s2(protocol, "01") == 0.11
+    with pytest.raises(ProtocolError) as error:
+        floor_m_s2(protocol, "02")
+    assert error.value.findings[0].field == "participant"
+
+
+def test_the_thresholds_that_export_writes_are_a_floor(tmp_path: Path) -> None:
+    files_of = export.files(read(dataset(tmp_path / "detected", 2, {"1": two_rows(TRACK), "2": two_rows("+" * 18)})))
+    (tmp_path / "study").mkdir()
+    text = files_of["thresholds.csv"].decode()
+    known, below = csv.DictReader(text.splitlines())
+    protocol = named(tmp_path / "study", "participant", text)
+    assert floor_m_s2(protocol, "1") == min(0.4, float(known["floor_rms_m_s2"]))
+    # All of the second's answers were right, so the track went down to the lowest level and stayed there.
+    assert below["beyond"] == "below the lowest level"
+    with pytest.raises(ProtocolError):
+        floor_m_s2(protocol, "2")
+
+
 def test_without_thresholds_the_floor_is_the_protocols(tmp_path: Path) -> None:
     protocol = named(tmp_path, "everybody")
     own = protocol.table(Footstep)
@@ -72,8 +107,8 @@ def test_without_thresholds_the_floor_is_the_protocols(tmp_path: Path) -> None:
     ("text", "field"),
     [
         ("participant,floor\nsub-01,0.1\n", "file"),
-        (THRESHOLDS.replace("0.2\n", "0.2,7\n"), "file"),
-        ("dataset,participant,frequency_hz,floor_rms_m_s2\nmeasured,sub-01,10.0,NA\n", "file"),
+        (THRESHOLDS.replace("0.2,\n", "0.2,,7\n"), "file"),
+        ("dataset,participant,frequency_hz,floor_rms_m_s2,beyond\nmeasured,sub-01,10.0,NA,\n", "file"),
     ],
 )
 def test_another_table_is_no_floor(text: str, field: str, tmp_path: Path) -> None:

@@ -17,13 +17,15 @@ from palpate.experiment.synthesis import waveforms
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, leave_out, rms_outside
 from palpate.experiment.synthesis.waveforms import Basis
 
+FLOOR = "palpate.experiment.protocol.kinds.floor"
+
 
 def real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
     """Return the recordings given or the dataset's. Raises `PalpateError` if they or thresholds are not real."""
     kept = root / storage.RECORDINGS
     folder = given or kept
     if protocol.table(Footstep).tactile.measured is not None:
-        import_module("palpate.experiment.protocol.kinds.floor").refuse_simulated(protocol)
+        import_module(FLOOR).refuse_simulated(protocol)
     if manifest.is_simulated(folder):
         raise RecordingError(
             folder,
@@ -61,6 +63,13 @@ def floor_m_s2(protocol: Protocol, participant: str | None = None) -> float:
     """Return the rms outside the tactile band that a participant, or anybody, does not feel, m/s^2."""
     measured = KIND.floor_m_s2(protocol, participant)
     return protocol.table(Footstep).tactile.floor_m_s2 if measured is None else measured
+
+
+def floor_words(protocol: Protocol) -> str:
+    """Return the floor, m/s^2 rms, or between which those of participants are."""
+    own = protocol.table(Footstep).tactile
+    low, high = import_module(FLOOR).range_m_s2(protocol) if own.measured else [own.floor_m_s2] * 2
+    return f"the floor {high:g}" if low == high else f"the largest floor {high:g} (the least participant's is {low:g})"
 
 
 def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> tuple[str, float]:

@@ -345,10 +345,10 @@ def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
         return "all are asked for: the protocol counts trials at any speed, so nothing is known to stay below the floor"
     loudest, level = preparation.felt_outside(held, protocol)
     reached = f"reaches {level:.2g} m/s^2 rms at up to {fastest:g} mm/s ({loudest})"
-    floor = preparation.floor_m_s2(protocol)
-    if level >= floor:
-        return f"all are asked for: what lies outside {band} {reached}, not below the floor {floor:g}"
-    return f"{band} are asked for: what lies outside {reached}, below the floor {floor:g}"
+    floor = preparation.floor_words(protocol)
+    if level >= preparation.floor_m_s2(protocol):
+        return f"all are asked for: what lies outside {band} {reached}, not below {floor}"
+    return f"{band} are asked for: what lies outside {reached}, below {floor}"
 
 
 def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent: str) -> Omission:
@@ -361,7 +361,7 @@ def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent
     loudest = crinkle.rms_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
     lost = (
         f"{lost_percent} % (rms) of the vibration, which reaches {loudest:.2g} m/s^2 rms at up to {fastest:g} mm/s, "
-        f"below the floor {preparation.floor_m_s2(protocol):g}"
+        f"below {preparation.floor_words(protocol)}"
     )
     bins = spectra.samples - held.spectra.amplitudes.shape[1]
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"

@@ -28,6 +28,7 @@ from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses, anywhere
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
+from tests.experiment.protocol.test_floor import named
 from tests.experiment.session.kinds.presented.test_stimuli import recording
 
 TABLE = '[sharing]\nstatement = "May your trials be shared?"\nsmallest_group = 1\nkeep_labels = true\n\n[duration]'
@@ -228,6 +229,13 @@ def test_a_recording_beside_the_protocol_is_shared_with_a_licence_alone(
     written = sharing._protocols(tmp_path / "copy", dataset, licensed=licensed)
     kept = written.get(tmp_path / "copy" / "sourcedata" / "felt.wav")
     assert kept == ((tmp_path / "felt.wav").read_bytes() if licensed else None)
+
+
+def test_thresholds_of_an_earlier_study_are_never_shared(study: MadeStudy, tmp_path: Path) -> None:
+    dataset = replace(checks.load_sound(study.root), protocol=named(tmp_path, "everybody"), versions={}, approvals=None)
+    written = sharing._protocols(tmp_path / "copy", dataset, licensed=True)
+    assert {path.name for path in written} == {"protocol.toml", "protocol.seal.toml"}
+    assert sharing._of_people(dataset.protocol) == {"thresholds.csv"}
 
 
 @pytest.mark.parametrize("lacking", ["table", "licence", "agreement", "group"])
