@@ -52,7 +52,11 @@ class Factored:
 
 
 def factored(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> Factored | None:
-    """Return what each factor of the stimuli adds; None where fewer than two numbers of every stimulus vary."""
+    """Return what each factor of the stimuli adds; None where fewer than two numbers of every stimulus vary.
+
+    Only materials of these trials count; who has no numbers, such as a blank, is left out with its pairs.
+    """
+    data, materials = _with_numbers(data, materials, numbers)
     keys = [set(numbers.get(one, {})) for one in materials]
     shared = set.intersection(*keys) if keys else set()
     values = {key: np.array([numbers[one][key] for one in materials]) for key in sorted(shared)}
@@ -63,6 +67,23 @@ def factored(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> F
         return _fitted(data, varied)
     except NotDefined as error:
         return Factored((), None, None, reduced=False, statement=str(error))
+
+
+def _with_numbers(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> tuple[Comparisons, tuple[str, ...]]:
+    """Return the trials of two materials with numbers, and those materials, by their new places."""
+    kept = [place for place, one in enumerate(materials) if numbers.get(one)]
+    trials = np.isin(data.first, kept) & np.isin(data.second, kept)
+    used = np.unique([data.first[trials], data.second[trials]])
+    return (
+        Comparisons(
+            np.searchsorted(used, data.first[trials]),
+            np.searchsorted(used, data.second[trials]),
+            data.chosen[trials],
+            data.person[trials],
+            items=len(used),
+        ),
+        tuple(materials[place] for place in used),
+    )
 
 
 def _fitted(data: Comparisons, varied: Mapping[str, Floats]) -> Factored:

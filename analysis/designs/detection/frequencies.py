@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import matplotlib as mpl
 import numpy as np
@@ -13,16 +14,26 @@ from palpate.analysis.documents import drawing
 from palpate.analysis.documents.tables import Column, Record, Section, tabulate
 from palpate.analysis.statistics.participants import Mean, mean
 
+
+def _end(sign: str, m_s2: float, beyond: int) -> str:
+    """Return an end of the thresholds, with a sign where somebody's lies beyond the levels."""
+    return f"{f'{sign} ' if beyond else ''}{m_s2:.4f}"
+
+
 COLUMNS = (
     Column("task", left=True), Column("frequency_hz", "Hz", show="{:g}".format), Column("n", "participants"),
+    Column(("below", "above"), "below, above the levels", show="{}, {}".format),
     Column("m_s2", "m/s² rms", 4), Column(("low", "high"), "95 % CI", 4), Column("sd_db", "SD dB", 2),
-    Column("lowest_m_s2", "lowest", 4), Column("highest_m_s2", "highest", 4),
-    Column("floor_m_s2", "lowest limit", 4),
+    Column(("lowest_m_s2", "below"), "lowest", show=partial(_end, "<")),
+    Column(("highest_m_s2", "above"), "highest", show=partial(_end, ">")),
+    Column(("floor_m_s2", "below"), "lowest limit", show=partial(_end, "<")),
 )  # fmt: skip
 
 NOTE = (
     "Geometric means of the participants' thresholds, rms of the sinusoid between its ramps, by the posterior of the "
-    "levels or else by the fit; interval and SD are over participants. The lowest limit is the least lower limit of "
+    "levels or else by the fit; interval and SD are over participants, each with the mean of their signals of that "
+    "frequency. Those whose track stayed below or above the levels are counted beside them and are in no mean; with a "
+    "sign, the value is beyond the one shown. The lowest limit is the least lower limit of "
     "any participant's 95 %: thresholds.csv of palpate export has it of each as floor_rms_m_s2, and a footstep "
     "protocol can name that file as its floor."
 )
@@ -30,38 +41,50 @@ NOTE = (
 
 @dataclass(frozen=True)
 class AtFrequency:
-    """Thresholds of one sinusoid, dB re 1 m/s^2 rms: of each participant, shape (n,), and their mean."""
+    """Thresholds of one sinusoid, dB re 1 m/s^2 rms: of each participant, shape (n,), and their mean.
+
+    Participants `below` and `above` have a track that stayed at that end of its levels.
+    """
 
     frequency_hz: float
     participants: tuple[str, ...]
     each_db: tuple[float, ...]
     mean_db: Mean
     floor_m_s2: float
+    below: tuple[str, ...] = ()
+    above: tuple[str, ...] = ()
 
 
 def by_frequency(task: TaskDetections) -> tuple[AtFrequency, ...]:
     """Return the thresholds of a task's sinusoids, by rising frequency; nothing with fewer than two frequencies."""
     of: dict[float, list[Track]] = {}
     for track in task.tracks:
-        if track.frequency_hz is not None and track.known_db is not None:
+        if track.frequency_hz is not None:
             of.setdefault(track.frequency_hz, []).append(track)
+    of = {hz: tracks for hz, tracks in of.items() if any(one.known_db is not None for one in tracks)}
     return tuple(_at(frequency_hz, of[frequency_hz]) for frequency_hz in sorted(of)) if len(of) > 1 else ()
 
 
 def _at(frequency_hz: float, tracks: Sequence[Track]) -> AtFrequency:
-    known = [one.known_db for one in tracks if one.known_db is not None]
-    peaks = np.array([one.rms_m_s2(0.0) for one in tracks], dtype=np.float64)
-    db = 20 * np.log10(peaks) + [one.value for one in known]
-    floor = (peaks * 10 ** (np.array([one.low for one in known]) / 20)).min()
-    return AtFrequency(
-        frequency_hz, tuple(one.participant for one in tracks), tuple(db.tolist()), mean(db), float(floor)
+    known = [(one, db) for one in tracks if (db := one.known_db) is not None]
+    peaks = np.array([one.rms_m_s2(0.0) for one, _ in known], dtype=np.float64)
+    each: dict[str, list[float]] = {}
+    for (one, db), peak in zip(known, peaks, strict=True):
+        each.setdefault(one.participant, []).append(20 * float(np.log10(peak)) + db.value)
+    theirs = np.array([np.mean(of) for of in each.values()])
+    floor = (peaks * 10 ** (np.array([db.low for _, db in known]) / 20)).min()
+    below, above = (
+        tuple(dict.fromkeys(one.participant for one in tracks if one.beyond.startswith(end)))
+        for end in ("below", "above")
     )
+    return AtFrequency(frequency_hz, tuple(each), tuple(theirs.tolist()), mean(theirs), float(floor), below, above)
 
 
 def section(found: Detections) -> Section | None:
     """Return the thresholds by frequency; None where no task has two frequencies."""
     records: list[Record] = [
-        {"task": task.task.id, "frequency_hz": one.frequency_hz, "n": one.mean_db.n, "m_s2": _m_s2(one.mean_db.value),
+        {"task": task.task.id, "frequency_hz": one.frequency_hz, "n": one.mean_db.n, "below": len(one.below),
+         "above": len(one.above), "m_s2": _m_s2(one.mean_db.value),
          "low": _m_s2(one.mean_db.low), "high": _m_s2(one.mean_db.high), "sd_db": one.mean_db.sd,
          "lowest_m_s2": _m_s2(min(one.each_db)), "highest_m_s2": _m_s2(max(one.each_db)),
          "floor_m_s2": one.floor_m_s2}

@@ -86,6 +86,25 @@ def test_factors_that_go_together_cannot_be_separated() -> None:
     assert found.statement
 
 
+def test_a_task_of_some_materials_and_one_without_numbers_has_factors() -> None:
+    data, some = simulated(), [0, 2, 6, 8, 3]
+    # A blank is a material of the task, without numbers.
+    kept = np.isin(data.first, some) & np.isin(data.second, some)
+    part = replace(data, **{key: getattr(data, key)[kept] for key in ("first", "second", "chosen", "person")})
+    found = factored(part, MATERIALS, {one: of for one, of in NUMBERS.items() if one != "3"})
+    assert found is not None
+    assert [(one.name, one.levels) for one in found.factors] == [
+        ("amplitude_m_s2", (2.0, 8.0)),
+        ("frequency_hz", (60.0, 240.0)),
+    ]
+    none = factored(
+        replace(part, **{key: getattr(part, key)[:0] for key in ("first", "second", "chosen", "person")}),
+        MATERIALS,
+        NUMBERS,
+    )
+    assert none is None
+
+
 def test_ties_have_no_such_scale() -> None:
     data = simulated()
     tied = replace(data, chosen=np.where(np.arange(len(data.chosen)) == 0, TIE, data.chosen))

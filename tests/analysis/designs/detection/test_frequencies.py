@@ -40,6 +40,26 @@ def test_thresholds_are_means_of_decibels_and_rms(task: TaskDetections) -> None:
     assert high.floor_m_s2 == pytest.approx(3 * 10 ** ((-24 - 1.959964) / 20) / np.sqrt(2))
 
 
+def test_a_participant_is_a_unit_though_two_signals_have_one_frequency(task: TaskDetections) -> None:
+    twice = tuple(replace(one, signal="other", estimate=Estimate("posterior", -8.0, 1.0, 0.75)) for one in task.tracks)
+    low, _ = frequencies.by_frequency(replace(task, tracks=(*task.tracks, *twice)))
+    assert (low.mean_db.n, low.participants) == (2, ("1", "2"))
+    # Each has the mean of their two: -6 and -8 dB, and -2 and -8 dB.
+    assert low.mean_db.value == pytest.approx(20 * np.log10(3 / np.sqrt(2)) - (7 + 5) / 2)
+
+
+def test_who_is_beyond_the_levels_is_counted_beside_the_mean(found: Detections) -> None:
+    tracks = [*found.tasks[0].tracks]
+    tracks[2] = replace(tracks[2], beyond="below the lowest level")
+    task = replace(found.tasks[0], tracks=tuple(tracks))
+    low, high = frequencies.by_frequency(task)
+    assert (low.participants, low.below, low.above, high.below) == (("2",), ("1",), (), ())
+    section = frequencies.section(replace(found, tasks=(task,)))
+    assert section is not None
+    rows = [dict(zip([c.heading for c in frequencies.COLUMNS], line, strict=True)) for line in section.tables[0].rows]
+    assert [row["lowest limit"].startswith("<") for row in rows] == [True, False]
+
+
 def test_one_frequency_is_no_function_of_it(task: TaskDetections) -> None:
     assert frequencies.by_frequency(replace(task, tracks=task.tracks[:2])) == ()
     assert (
