@@ -195,6 +195,21 @@ CASES += [
     if "control" in path
 ]
 
+GROUPED = ProtocolFile.model_validate(
+    changed(
+        changed(changed(document(), ("format",), 7), ("asked",), asked("one")),
+        ("analysis",),
+        ({**SAME, "test": "difference of groups", "tasks": ("one",), "margin": None, "groups": "sex"},),
+    )
+)
+
+CASES += [
+    (GROUPED, path, value, other)
+    for path, kind, value in fields(GROUPED)
+    for other in others(kind, value)
+    if "groups" in path
+]
+
 
 @pytest.mark.parametrize(
     ("study", "path", "value", "other"),
