@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from glob import escape
+from itertools import product
 from pathlib import Path
 from sys import intern
 from typing import TYPE_CHECKING, Any, get_args
@@ -20,8 +21,9 @@ from typing import TYPE_CHECKING, Any, get_args
 import pandas as pd
 
 from palpate.analysis.documents.tables import plural
+from palpate.analysis.reading.labels import check_once, first_tasks_of_people, sentences, took_part
 from palpate.analysis.reading.study import Part, Study, Task, TaskDesign, check_chances
-from palpate.analysis.reading.versions import apply_rules, read_versions
+from palpate.analysis.reading.versions import apply_rules, of_people, read_versions
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError, other_format
 from palpate.experiment.protocol import designs, kinds
@@ -86,39 +88,42 @@ def read(root: Path) -> Study:
     tasks: dict[str, Task] = {}
     materials: tuple[str, ...] = ()
     asked: dict[str, TaskDesign] = {}
-    for participant in withdrawn:
-        for task in facts["Tasks"]:
-            path = root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_events.tsv"
-            if not path.exists():
-                _check_absent(path)
-                continue
-            beside = path.with_suffix(".json")
-            sidecar = _sidecar(beside)
-            if materials and materials != tuple(sidecar["Materials"]):
-                raise DatasetError(beside, "Materials differ from those of other files", "correct one of the files")
-            materials = tuple(sidecar["Materials"])
-            own = _design(sidecar)
-            if asked and own not in asked.values():
-                raise DatasetError(
-                    beside, "Kind, Design or Answers differ from those of other files", "correct one of the files"
-                )
-            asked[task] = own
-            shown = tuple(sidecar.get("Presented", materials))
-            tasks[task] = _task(task, shown, sidecar, tasks.get(task), beside)
-            if (session_id := sidecar.get("SessionId")) is not None:
-                _check_new(str(session_id), session_ids, beside)
-                session_ids[participant, task] = str(session_id)
-            touched[participant, task] = {key: sidecar[key] for key in TOUCHED if key in sidecar}
-            pattern = escape(path.name.removesuffix("events.tsv")) + "recording-force*_physio.tsv.gz"
-            forces[participant, task] = tuple(sorted(path.parent.glob(pattern)))
-            levels = _Levels(shown, own, facts["Origin"], facts.get("Format") != storage.DATASET_FORMAT)
-            for row in _events(path, participant, task, levels, sidecar["Rows"]):
-                # A million trials take a third of the memory that they would as rows.
-                for name, value in row.items():
-                    columns.setdefault(name, []).append(intern(value) if isinstance(value, str) else value)
+    people = took_part(root, facts, withdrawn)
+    for label, task in product(withdrawn, facts["Tasks"]):
+        participant = people.get((label, task), label)
+        path = root / f"sub-{label}" / "beh" / f"sub-{label}_task-{task}_events.tsv"
+        if not path.exists():
+            _check_absent(path)
+            continue
+        beside = path.with_suffix(".json")
+        sidecar = _sidecar(beside)
+        if materials and materials != tuple(sidecar["Materials"]):
+            raise DatasetError(beside, "Materials differ from those of other files", "correct one of the files")
+        materials = tuple(sidecar["Materials"])
+        own = _design(sidecar)
+        if asked and own not in asked.values():
+            raise DatasetError(
+                beside, "Kind, Design or Answers differ from those of other files", "correct one of the files"
+            )
+        asked[task] = own
+        shown = tuple(sidecar.get("Presented", materials))
+        tasks[task] = _task(task, shown, sidecar, tasks.get(task), beside)
+        if (session_id := sidecar.get("SessionId")) is not None:
+            _check_new(str(session_id), session_ids, beside)
+            session_ids[participant, task] = str(session_id)
+        check_once(root, participant, task, touched)
+        touched[participant, task] = {key: sidecar[key] for key in TOUCHED if key in sidecar}
+        pattern = escape(path.name.removesuffix("events.tsv")) + "recording-force*_physio.tsv.gz"
+        forces[participant, task] = tuple(sorted(path.parent.glob(pattern)))
+        levels = _Levels(shown, own, facts["Origin"], facts.get("Format") != storage.DATASET_FORMAT)
+        for row in _events(path, participant, task, levels, sidecar["Rows"]):
+            # A million trials take a third of the memory that they would as rows.
+            for name, value in row.items():
+                columns.setdefault(name, []).append(intern(value) if isinstance(value, str) else value)
     if not columns:
         raise DatasetError(f"{root} contains no trials", remedy="run a session first, then make the dataset again")
-    versions = read_versions(root, facts)
+    versions = tuple(of_people(read_versions(root, facts), people))
+    first_tasks = first_tasks_of_people(first_tasks, people)
     protocol, sealed = _plan(root / "sourcedata" / (versions[-1].file if versions else "protocol.toml"))
     attempts, exclusions, unasked = apply_rules(pd.DataFrame(columns), withdrawn, protocol, versions)
     done = tuple(tasks[task] for task in facts["Tasks"] if task in tasks)
@@ -129,7 +134,7 @@ def read(root: Path) -> Study:
         first_tasks=first_tasks, session_ids=session_ids, attempts=attempts, exclusions=exclusions, unasked=unasked,
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
         parts=(Part(root.resolve().name, tuple(withdrawn), names, protocol, sealed, _anchors(root), versions,
-                    tuple(facts.get("Incidents", ()))),),
+                    tuple(facts.get("Incidents", ())) + sentences(people)),),
         designs=asked, forces=forces, facts=facts_of_people, touched=touched,
     )  # fmt: skip
 

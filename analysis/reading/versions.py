@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,12 @@ def read_versions(root: Path, facts: Mapping[str, Any]) -> tuple[Version, ...]:
         Version(file, files.load(root / "sourcedata" / Path(file).name), own)  # type: ignore[arg-type]
         for (file, _), own in zip(listed, sessions, strict=True)
     )
+
+
+def of_people(versions: Iterable[Version], people: Mapping[tuple[str, str], str]) -> Iterator[Version]:
+    """Yield versions with the persons of their sessions in place of labels."""
+    for one in versions:
+        yield replace(one, sessions=frozenset((people.get((who, task), who), task) for who, task in one.sessions))
 
 
 def apply_rules(

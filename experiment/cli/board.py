@@ -11,7 +11,7 @@ from palpate.experiment.cli.options import ProtocolFile, StudyFolder, a_day
 from palpate.experiment.errors import PalpateError, RosterError
 
 if TYPE_CHECKING:
-    from palpate.experiment.study.lines import IncidentKind
+    from palpate.experiment.study.lines import IncidentKind, TookPart
 
 commands = options.room()
 
@@ -153,6 +153,16 @@ def incident(
         str | None,
         typer.Option("--participant", "-p", help="Whose latest session gets a note; the incident itself names nobody."),
     ] = None,
+    person: Annotated[
+        str | None,
+        typer.Option(
+            "--took-part", metavar="TASK=LABEL", help="Who took part in the session of a task under --participant."
+        ),
+    ] = None,
+    exchanged: Annotated[
+        bool,
+        typer.Option("--exchanged", help="With --took-part: each of the two did that task under the other's label."),
+    ] = False,
     dataset: StudyFolder = None,
 ) -> None:
     """Record an adverse event or a deviation from the protocol.
@@ -161,6 +171,9 @@ def incident(
     was done, and when the board was informed. It names nobody. With --participant the journal of their latest session
     notes its number, and goes with their data. During a session the console does the same. `palpate status`, `palpate
     amend` and the report list all.
+
+    A session under the wrong label is a deviation: with --participant (its label) and --took-part (its task, and the
+    label of whoever took part). The session keeps label and order; the analysis takes the person, and says so.
     """
     from palpate.experiment import storage
     from palpate.experiment.dataset import build, checks
@@ -171,6 +184,7 @@ def incident(
 
     root = enrolment.study_begun(protocol_file, dataset)
     checks.check_roster(root)
+    took_part = _took_part(participant, deviation, person, exchanged=exchanged)
     told = [what for what in (adverse, deviation) if what is not None]
     given = (len(told), done is not None, number is not None, informed_on is not None)
     if given == (0, False, False, False):
@@ -184,7 +198,9 @@ def incident(
             Roster.load(storage.roster_path(root)).check_enrolled(participant)
         kind: IncidentKind = "adverse event" if adverse is not None else "deviation"
         protocol = files.load(protocol_file)
-        made = incidents.report(protocol, root, kind, what=told[0], done=done, happened_on=on, informed_on=informed_on)
+        made = incidents.report(
+            protocol, root, kind, what=told[0], done=done, happened_on=on, informed_on=informed_on, took_part=took_part
+        )
         typer.echo(made.sentence)
         if participant is not None:
             _note_incident(root, protocol_file, participant, f"{made.kind.capitalize()} {made.number} of the roster.")
@@ -194,6 +210,18 @@ def incident(
     if storage.journals(root):
         build.build(root)
     _tell_anchor(root)
+
+
+def _took_part(participant: str | None, deviation: str | None, told: str | None, *, exchanged: bool) -> "TookPart | None":
+    from palpate.experiment.study import lines
+
+    if told is None and not exchanged:
+        return None
+    task, _, person = (told or "").partition("=")
+    if participant is None or deviation is None or not person:
+        what = "give --took-part TASK=LABEL with --deviation, and with --participant for the label of the session"
+        raise RosterError(what)
+    return lines.TookPart(participant=participant, task=task, person=person, exchanged=exchanged)
 
 
 def _note_incident(root: Path, protocol_file: Path, participant: str, text: str) -> None:

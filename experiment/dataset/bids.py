@@ -49,7 +49,8 @@ class DatasetText:
     `study` is an id, `tasks` are in the order of the tables, `origin` produced the rows, and `readme` follows title and
     label. `ordered`: whether trial numbers are the order of the trials; None says nothing. `versions` are those
     of an amended protocol, oldest first, each with its file and its sessions. `approvals` are a board's, in words.
-    `incidents` are adverse events and deviations, in words.
+    `incidents` are adverse events and deviations, in words. `took_part` has the person of a session under another's
+    label, and whether that one withdrew: `sub-03_task-a` -> `Person`, `Withdrew`.
     """
 
     study: str
@@ -65,6 +66,7 @@ class DatasetText:
     versions: tuple[Mapping[str, object], ...] = ()
     approvals: tuple[str, ...] = ()
     incidents: tuple[str, ...] = ()
+    took_part: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,7 @@ def description(root: Path, text: DatasetText) -> Files:
         **({} if text.ordered is None else {"Ordered": text.ordered}),
         **({"Versions": list(text.versions)} if text.versions else {}),
         **({"Incidents": list(text.incidents)} if text.incidents else {}),
+        **({"TookPart": dict(text.took_part)} if text.took_part else {}),
     }
     content: dict[str, object] = {
         "Name": name,

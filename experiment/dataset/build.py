@@ -147,6 +147,10 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         versions=tuple(_versions(dataset)),
         approvals=tuple(_approvals(dataset)),
         incidents=tuple(one.sentence for one in dataset.people.incidents),
+        took_part={
+            f"sub-{who}_task-{task}": {"Person": f"sub-{one}", "Withdrew": one in withdrawn}
+            for (who, task), one in dataset.people.took_part.items()
+        },
     )
     return bids.participants(root, people, origin=origin, asked=asked) | answered | bids.description(root, text)
 

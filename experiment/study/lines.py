@@ -14,11 +14,26 @@ from palpate.experiment.settings.load import Line
 IncidentKind = Literal["adverse event", "deviation"]
 
 
+class TookPart(BaseModel, frozen=True, extra="forbid"):
+    """Who took part in a session under another participant's label; `exchanged`: and that one under theirs."""
+
+    participant: str
+    task: str
+    person: str
+    exchanged: bool = False
+
+    @property
+    def people(self) -> dict[tuple[str, str], str]:
+        """The person of each session, which its label and its task name."""
+        own = {(self.participant, self.task): self.person}
+        return own | ({(self.person, self.task): self.participant} if self.exchanged else {})
+
+
 class Incident(Entry):
     """An adverse event, or a deviation from the protocol: what happened when, what was done, when the board was told.
 
     To whom it happened stands in no line of the roster, for these stay whoever is erased; the journal of a session has
-    a note with its number.
+    a note with its number. `took_part` has the labels of a session under a wrong one.
     """
 
     kind: IncidentKind
@@ -27,6 +42,7 @@ class Incident(Entry):
     what: Annotated[Line, Field(max_length=400)]
     done: Annotated[Line, Field(max_length=400)]
     informed_on: date | None = None
+    took_part: TookPart | None = None
 
     @property
     def sentence(self) -> str:

@@ -317,6 +317,12 @@ class Roster:
         """Record that the board was informed of one. Raises `RosterError` if there is none, or it was before."""
         self._append(Informed, **informed.model_dump())
 
+    @property
+    def took_part(self) -> dict[tuple[str, str], str]:
+        """Who took part in each session, by label and task, that stands under another's label."""
+        told = [one.took_part.people for one in self.incidents if one.took_part is not None]
+        return {session: person for own in told for session, person in own.items()}
+
     def approvals(self, first: Approved) -> Approvals:
         """Return all approvals as these lines have them, with the `first`, which has no line."""
         return Approvals((first, *self.approved), tuple(self.stopped))

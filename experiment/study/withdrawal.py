@@ -6,7 +6,7 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.clock import MonotonicClock
-from palpate.experiment.errors import DatasetError, PalpateError
+from palpate.experiment.errors import DatasetError, PalpateError, RosterError
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Withdrawal
 from palpate.experiment.study.enrolment import check_reason, study_begun
@@ -27,11 +27,14 @@ def withdraw(
     The roster is written first, then the journals, then the tables (`rebuild`); the same call completes an interrupted
     one. What the participant told of themselves is deleted in any case; `erase` also deletes their data, except for a
     note of the withdrawal. Raises `RosterError` if the participant is not enrolled, has another reason on record, or
-    the reason is not one line, names somebody or mentions health; `SessionLocked` during a session.
+    the reason is not one line, names somebody or mentions health, and for an erasure that would take data of another
+    person who takes part; `SessionLocked` during a session.
     """
     root = study_begun(protocol_file, root)
     path = storage.roster_path(root)
     Roster.load(path).check_enrolled(participant)
+    if erase:
+        _check_apart(Roster.load(path), participant)
     with journal.locked(storage.participant_folder(root, participant), participant):
         known = Roster.continued(path)
         if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
@@ -51,6 +54,17 @@ def withdraw(
                 recorded = DatasetError(f"{what}: mend that, then run the same command again")
                 raise error.followed_by(recorded) from error
     return path
+
+
+def _check_apart(roster: Roster, participant: str) -> None:
+    """Raise `RosterError` where a label has data of somebody who takes part, or that one's label has theirs."""
+    pairs = [{label, person} for (label, _), person in roster.took_part.items() if label != person]
+    mixed = set[str]().union(*(pair for pair in pairs if participant in pair)) - {participant, *roster.withdrawn}
+    if mixed:
+        names = ", ".join(sorted(mixed))
+        what = f"sessions of participants {participant} and {names} stand under each other's labels"
+        remedy = f"withdraw without --erase, and the analysis leaves {participant} out; erase once {names} withdrew too"
+        raise RosterError(what, remedy=remedy)
 
 
 def count_recorded(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:

@@ -214,6 +214,8 @@ def _chosen(dataset: Dataset, listed: Sequence[str]) -> tuple[list[str], dict[st
         raise DatasetError(dataset.root, "its protocol has no table [sharing], so nothing may be shared", remedy)
     terms = sharing_sha256(dataset.protocol)
     reasons = {label: _absent(roster, terms, label, listed) for label in roster.consent_on}
+    mixed = {one for (label, _), person in roster.took_part.items() if label != person for one in (label, person)}
+    reasons |= {label: reasons[label] or "session under another label" for label in mixed}
     chosen = [label for label in listed if not reasons[label]]
     if not chosen:
         remedy = Remedy("record who agrees: {}", ("palpate", "consent", "PROTOCOL", "-p", "LABEL", "--sharing"))

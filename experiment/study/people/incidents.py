@@ -1,5 +1,6 @@
 """Puts adverse events and deviations on record: in the roster, without saying whom they happened to."""
 
+from collections import Counter
 from datetime import date
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from palpate.experiment.errors import RosterError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.load import VISIBLE
 from palpate.experiment.study import people
-from palpate.experiment.study.lines import Incident, IncidentKind, Informed
+from palpate.experiment.study.lines import Incident, IncidentKind, Informed, TookPart
 from palpate.experiment.study.roster import Roster
 
 
@@ -24,12 +25,16 @@ def report(
     done: str,
     happened_on: date | None = None,
     informed_on: date | None = None,
+    took_part: TookPart | None = None,
 ) -> Incident:
     """Put an incident on record, on disk when this returns; without a day it happened today.
 
-    Raises `RosterError` for a text that is no line or names a participant, and for a day that is still to come.
+    Raises `RosterError` for a text that is no line or names a participant, for a day that is still to come, and as
+    `check_took_part`.
     """
     roster = Roster.continued(storage.roster_path(root))
+    if took_part is not None:
+        check_took_part(roster, root, took_part)
     today = roster.known_day(day(wall_ns()))
     names = [person.name for person in people.known(protocol, root).values()]
     for text in (what, done):
@@ -42,6 +47,7 @@ def report(
             what=what,
             done=done,
             informed_on=informed_on,
+            took_part=took_part,
         )
     except ValidationError as error:
         what = "got a text of an incident that cannot go on record"
@@ -49,6 +55,33 @@ def report(
     check_days(incident.happened_on, informed_on, today)
     roster.report(incident)
     return incident
+
+
+def check_took_part(roster: Roster, root: Path, told: TookPart) -> None:
+    """Return when a session may be that of another person.
+
+    Raises `RosterError` without such a session, for somebody who is not enrolled or was erased, and where a person
+    would have two sessions of one task.
+    """
+    for who in (told.participant, told.person):
+        roster.check_enrolled(who)
+        if who in roster.erased:
+            raise RosterError(f"the data of participant {who} are erased", remedy="nothing is left to mend")
+    for who in (told.participant, told.person) if told.exchanged else (told.participant,):
+        if not storage.journal_path(root, who, told.task).exists():
+            what = f"got no session of task {told.task} under the label {who}"
+            raise RosterError(what, remedy="give the label and the task that the session has, as in its file's name")
+    under = [path.parent.name.removeprefix("sub-") for path in storage.journals(root) if _is_of(path, told.task)]
+    known = roster.took_part | told.people
+    twice = Counter(known.get((who, told.task), who) for who in under)
+    if person := next((one for one, times in twice.items() if times > 1), None):
+        what = f"participant {person} would have two sessions of task {told.task}"
+        remedy = "if two participants took each other's place, give --exchanged; otherwise put the other session right"
+        raise RosterError(what, remedy=f"{remedy} first")
+
+
+def _is_of(path: Path, task: str) -> bool:
+    return path == storage.journal_path(path.parents[2], path.parent.name.removeprefix("sub-"), task)
 
 
 def inform(root: Path, number: int, informed_on: date) -> Incident:
