@@ -212,7 +212,9 @@ def incident(
     _tell_anchor(root)
 
 
-def _took_part(participant: str | None, deviation: str | None, told: str | None, *, exchanged: bool) -> "TookPart | None":
+def _took_part(
+    participant: str | None, deviation: str | None, told: str | None, *, exchanged: bool
+) -> "TookPart | None":
     from palpate.experiment.study import lines
 
     if told is None and not exchanged:

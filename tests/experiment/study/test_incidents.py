@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from datetime import date, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -135,7 +136,12 @@ def test_a_day_to_come_and_a_text_that_is_no_line_are_refused(study: MadeStudy) 
     ahead = date.today() + timedelta(days=2)
     with pytest.raises(RosterError):
         report(study.protocol, study.root, "deviation", what="a\nb", done="c")
-    for days in ({"happened_on": ahead}, {"informed_on": ahead}, {"informed_on": date(2001, 1, 1)}):
+    wrong: tuple[dict[str, Any], ...] = (
+        {"happened_on": ahead},
+        {"informed_on": ahead},
+        {"informed_on": date(2001, 1, 1)},
+    )
+    for days in wrong:
         with pytest.raises(RosterError):
             report(study.protocol, study.root, "deviation", what="b", done="c", **days)
     with pytest.raises(RosterError):
