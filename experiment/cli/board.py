@@ -184,7 +184,7 @@ def incident(
 
     root = enrolment.study_begun(protocol_file, dataset)
     checks.check_roster(root)
-    took_part = _took_part(participant, deviation, person, exchanged=exchanged)
+    took_part = _took_part(root, (participant, deviation, person), exchanged=exchanged)
     told = [what for what in (adverse, deviation) if what is not None]
     given = (len(told), done is not None, number is not None, informed_on is not None)
     if given == (0, False, False, False):
@@ -212,18 +212,22 @@ def incident(
     _tell_anchor(root)
 
 
-def _took_part(
-    participant: str | None, deviation: str | None, told: str | None, *, exchanged: bool
-) -> "TookPart | None":
+def _took_part(root: Path, given: tuple[str | None, str | None, str | None], *, exchanged: bool) -> "TookPart | None":
+    from palpate.experiment import storage
     from palpate.experiment.study import lines
+    from palpate.experiment.study.people import labels
+    from palpate.experiment.study.roster import Roster
 
+    participant, deviation, told = given
     if told is None and not exchanged:
         return None
     task, _, person = (told or "").partition("=")
     if participant is None or deviation is None or not person:
         what = "give --took-part TASK=LABEL with --deviation, and with --participant for the label of the session"
         raise RosterError(what)
-    return lines.TookPart(participant=participant, task=task, person=person, exchanged=exchanged)
+    made = lines.TookPart(participant=participant, task=task, person=person, exchanged=exchanged)
+    labels.check_took_part(Roster.load(storage.roster_path(root)), root, made)
+    return made
 
 
 def _note_incident(root: Path, protocol_file: Path, participant: str, text: str) -> None:

@@ -1,6 +1,5 @@
 """Puts adverse events and deviations on record: in the roster, without saying whom they happened to."""
 
-from collections import Counter
 from datetime import date
 from pathlib import Path
 
@@ -29,12 +28,9 @@ def report(
 ) -> Incident:
     """Put an incident on record, on disk when this returns; without a day it happened today.
 
-    Raises `RosterError` for a text that is no line or names a participant, for a day that is still to come, and as
-    `check_took_part`.
+    Raises `RosterError` for a text that is no line or names a participant, for a day that is still to come.
     """
     roster = Roster.continued(storage.roster_path(root))
-    if took_part is not None:
-        check_took_part(roster, root, took_part)
     today = roster.known_day(day(wall_ns()))
     names = [person.name for person in people.known(protocol, root).values()]
     for text in (what, done):
@@ -55,33 +51,6 @@ def report(
     check_days(incident.happened_on, informed_on, today)
     roster.report(incident)
     return incident
-
-
-def check_took_part(roster: Roster, root: Path, told: TookPart) -> None:
-    """Return when a session may be that of another person.
-
-    Raises `RosterError` without such a session, for somebody who is not enrolled or was erased, and where a person
-    would have two sessions of one task.
-    """
-    for who in (told.participant, told.person):
-        roster.check_enrolled(who)
-        if who in roster.erased:
-            raise RosterError(f"the data of participant {who} are erased", remedy="nothing is left to mend")
-    for who in (told.participant, told.person) if told.exchanged else (told.participant,):
-        if not storage.journal_path(root, who, told.task).exists():
-            what = f"got no session of task {told.task} under the label {who}"
-            raise RosterError(what, remedy="give the label and the task that the session has, as in its file's name")
-    under = [path.parent.name.removeprefix("sub-") for path in storage.journals(root) if _is_of(path, told.task)]
-    known = roster.took_part | told.people
-    twice = Counter(known.get((who, told.task), who) for who in under)
-    if person := next((one for one, times in twice.items() if times > 1), None):
-        what = f"participant {person} would have two sessions of task {told.task}"
-        remedy = "if two participants took each other's place, give --exchanged; otherwise put the other session right"
-        raise RosterError(what, remedy=f"{remedy} first")
-
-
-def _is_of(path: Path, task: str) -> bool:
-    return path == storage.journal_path(path.parents[2], path.parent.name.removeprefix("sub-"), task)
 
 
 def inform(root: Path, number: int, informed_on: date) -> Incident:
