@@ -60,8 +60,11 @@ def safe_path() -> Iterator[None]:
         os.environ["PYTHONSAFEPATH"] = before
 
 
-def read_bytes(path: Path, most: int = MOST) -> bytes:
-    """Return a file of at most `most` bytes. Raises `OSError`, also for devices and pipes, which may have no end."""
+def read_bytes(path: Path, most: int = MOST, at: int = 0, length: int = sys.maxsize) -> bytes:
+    """Return a file of at most `most` bytes, or the `length` from `at` on, as far as they are there.
+
+    Raises `OSError`, also for devices and pipes, which may have no end.
+    """
     try:
         found = path.stat()
     except ValueError as error:
@@ -73,7 +76,8 @@ def read_bytes(path: Path, most: int = MOST) -> bytes:
     if found.st_size > most:
         raise OSError(errno.EFBIG, f"{found.st_size:,} bytes, more than {most:,}", str(path))
     with path.open("rb") as file:
-        return file.read(found.st_size)
+        file.seek(at)
+        return file.read(max(min(found.st_size - at, length), 0))
 
 
 def read_text(path: Path, most: int = MOST) -> str:

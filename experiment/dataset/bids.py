@@ -4,7 +4,6 @@ The layout is BIDS 1.11 for behavioral experiments; `Palpate`, `Materials`, `Ans
 keys.
 """
 
-import gzip
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError
@@ -92,16 +90,6 @@ class TaskText:
     answers: Mapping[str, str] = field(default_factory=dict)
     presented: tuple[str, ...] | None = None
     intervals: int | None = None
-
-
-@dataclass(frozen=True)
-class PhysioColumn:
-    """One column of a continuous recording: `values` shape (samples,), NaN where nothing was recorded."""
-
-    values: NDArray[np.float64]
-    description: str
-    units: str
-    decimals: int
 
 
 def write_files(files: Files) -> None:
@@ -277,59 +265,9 @@ def _described(texts: Columns, origin: Origin) -> dict[str, dict[str, object]]:
     return {name: {**text, **own.get(name, {})} for name, text in texts.items()}
 
 
-def write_physio(
-    path: Path,
-    columns: Mapping[str, PhysioColumn],
-    *,
-    rate_hz: float,
-    start_s: float,
-    task: str,
-    description: str,
-    origin: Origin,
-    facts: Mapping[str, object] = {},
-) -> None:
-    """Write a continuous recording as `_physio.tsv.gz`, without a header as BIDS asks, and its sidecar.
-
-    Gaps are rows of `n/a`. `columns` have one length, or `ValueError` is raised; `rate_hz` is in samples a second, and
-    `start_s` is the first sample's time on the events' clock. `facts` are further keys of the sidecar.
-    """
-    lengths = {column.values.shape for column in columns.values()}
-    if len(lengths) != 1 or any(len(shape) != 1 for shape in lengths):
-        raise ValueError(f"columns must be of one length and one axis, got shapes {sorted(lengths)}")
-    storage.write_bytes(path, gzip.compress(_physio_rows(list(columns.values())), compresslevel=4, mtime=0))
-    sidecar: dict[str, object] = {
-        "SamplingFrequency": rate_hz,
-        "StartTime": start_s,
-        "Columns": list(columns),
-        "PhysioType": "generic",
-        "TaskName": task,
-        "Description": labelled(description, origin),
-        **facts,
-    }
-    for name, column in columns.items():
-        sidecar[name] = {"Description": column.description, "Units": column.units}
-    storage.write_json(path.with_name(path.name.removesuffix(".tsv.gz") + ".json"), sidecar)
-
-
 def labelled(text: str, origin: Origin) -> str:
     """Return a text, led by the label of what is no data of a study."""
     return f"{LABELS[origin]}: {text}" if LABELS[origin] else text
-
-
-def _physio_rows(columns: Sequence[PhysioColumn]) -> bytes:
-    recorded = np.any([np.isfinite(column.values) for column in columns], axis=0)
-    edges = np.flatnonzero(np.diff(recorded, prepend=~recorded[:1], append=~recorded[-1:]))
-    gap = "\t".join([MISSING] * len(columns)) + "\n"
-    row = "\t".join(f"%.{column.decimals}f" for column in columns) + "\n"
-    parts: list[str] = []
-    for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        if not recorded[start]:
-            parts.append(gap * (stop - start))
-            continue
-        values = np.column_stack([column.values[start:stop] for column in columns]).ravel()
-        text = row * (stop - start) % tuple(np.where(np.isfinite(values), values, np.nan).tolist())
-        parts.append(text.replace("nan", MISSING))
-    return "".join(parts).encode()
 
 
 def _cell(value: object) -> str:

@@ -289,27 +289,20 @@ def heard_cells(stimulus: Stimulus | None, material: str | None = None) -> dict[
     }
 
 
-def raw_frames(journal_file: Path, recorded: Iterable[entries.Entry]) -> list[bytes]:
-    """Return the raw data of each entry with any. Raises `DatasetError` if they are not those it names."""
-    traced = [(entry, trace) for entry in recorded if (trace := entry.frames) is not None]
-    if not traced:
-        return []
-    _, trace = traced[0]
-    path = storage.raw_path(journal_file, trace.file)
-    try:
-        raw = storage.read_bytes(path, 2**32)
-    except OSError as error:
-        raise DatasetError(path, f"cannot read the {trace.recording} trace ({error.strerror})", "restore it") from error
-    parts = []
-    for entry, trace in traced:
-        part = raw[trace.offset : trace.offset + trace.length]
+def raw_frames(journal_file: Path, recorded: Iterable[entries.Entry]) -> Iterator[bytes]:
+    """Yield the raw data of each entry with any. Raises `DatasetError` if they are not those it names."""
+    for entry, trace in ((entry, trace) for entry in recorded if (trace := entry.frames) is not None):
+        path = storage.raw_path(journal_file, trace.file)
+        try:
+            part = storage.read_bytes(path, 2**32, trace.offset, trace.length)
+        except OSError as error:
+            what = f"cannot read the {trace.recording} trace ({error.strerror})"
+            raise DatasetError(path, what, "restore it") from error
         if hashlib.sha256(part).hexdigest() != trace.sha256:
             of = f" of trial {entry.trial}" if isinstance(entry, entries.OfAttempt) else ""
-            raise DatasetError(
-                path, f"the {trace.of_what[0]}{of} are not those that the journal names", "restore the file"
-            )
-        parts.append(part)
-    return parts
+            what = f"the {trace.of_what[0]}{of} are not those that the journal names"
+            raise DatasetError(path, what, "restore the file")
+        yield part
 
 
 def task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str | None = None) -> bids.TaskText:

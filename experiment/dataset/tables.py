@@ -122,7 +122,8 @@ def lost_traces(dataset: Dataset) -> Iterator[Finding]:
     for path, header in dataset.sessions:
         contents = journal.read(path)
         try:
-            build.raw_frames(path, contents.entries)
+            for _ in build.raw_frames(path, contents.entries):
+                pass
         except PalpateError as error:
             yield error.finding
         ended = until_footer(contents) if path in dataset.under_way else contents

@@ -287,7 +287,8 @@ def _session(root: Path, path: Path, sessions: list[tuple[Path, Header]]) -> str
     for refusal in checks.findings(Sessions(root, sessions=tuple(sessions[-1:])), "rigs"):
         raise DatasetError.at(refusal)
     traced = [trace for entry in contents.entries if (trace := entry.frames)]
-    build.raw_frames(path, contents.entries)
+    for _ in build.raw_frames(path, contents.entries):
+        pass
     end = max((trace.offset + trace.length for trace in traced), default=0)
     raw = next((file for end in storage.RAW if (file := storage.raw_path(path, end)).exists()), path)
     more = storage.size(raw) - end if raw != path else 0

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from palpate.analysis.analyse import analyse
-from palpate.experiment.dataset import build
-from palpate.experiment.dataset.bids import PhysioColumn, beh_path, write_physio
+from palpate.experiment.dataset import build, traces
 from palpate.experiment.dataset.outside import sharing
 from palpate.experiment.study import enrolment
 from palpate.experiment.study.people import facts
 from tests.analysis.datasets import balanced, trial, write_dataset
 from tests.experiment.dataset.studies import make_study
 from tests.experiment.protocol.asking import FORMS, PEOPLE, SHARING, asking
+from tests.experiment.session.bench import HEADER
 
 UNFILLED = {"JSON_KEY_RECOMMENDED", "SIDECAR_KEY_RECOMMENDED", "TOO_FEW_AUTHORS"}
 """Warnings about recommended keys: ontology terms and institutions, which a reconstruction or a rehearsal lacks."""
@@ -61,12 +61,14 @@ def test_a_dataset_with_times_a_foot_trace_and_results(validator: str, tmp_path:
     ]
     root = write_dataset(tmp_path, {"01": {"virtual": rows, "real": balanced(1)}, "02": {"real": balanced(2)}})
     height_mm = np.concatenate([np.linspace(40, 0, 500), np.full(4000, np.nan), np.linspace(40, 0, 500)])
-    write_physio(
-        beh_path(root, "01", "virtual", "recording-foot_physio.tsv.gz"),
-        {"foot_height": PhysioColumn(height_mm, "Height of the sole above the panel.", "mm", 3)},
+    traces.write(
+        root,
+        HEADER.model_copy(update={"task": "virtual"}),
+        "foot",
+        places=np.arange(5000.0),
+        samples=[height_mm[:, None]],
+        columns={"foot_height": traces.Column("Height of the sole above the panel.", "mm", 3)},
         rate_hz=2000.0,
-        start_s=0.0,
-        task="virtual",
         description="Foot height from the tracker.",
         origin="PARTICIPANT",
     )

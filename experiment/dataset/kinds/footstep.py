@@ -1,6 +1,6 @@
 """Footsteps in a dataset: a row for each step, on the session's clock, and traces of the foot."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -127,36 +127,32 @@ def _played(stimulus: Stimulus | None) -> dict[str, object]:
     }
 
 
-def write_foot(
-    root: Path, path: Path, contents: Contents, parts_of_steps: Sequence[bytes], origin: bids.Origin
-) -> None:
+def write_foot(root: Path, path: Path, contents: Contents, parts: Iterable[bytes], origin: bids.Origin) -> None:
     """Write the foot's height (and place, if planar) on a grid of the rig's rate that begins anew with each step.
 
     Between steps it is n/a. A device's clock that drifts leaves a place empty now and then, or has two frames in one.
     """
-    if not parts_of_steps:
-        return
     header = contents.header
     rig = rigs.session_rig(storage.rig_path(path), header.rig_sha256)
     tracker = tracker_of(rig)
     rate_hz = tracker.rate_hz
     places: list[NDArray[np.float64]] = []
     read_mm: list[NDArray[np.float64]] = []
-    for placed, part in zip(placed_steps(path, contents), parts_of_steps, strict=True):
+    for placed, part in zip(placed_steps(path, contents), parts, strict=True):
         _, decoded = frames.Decoder(near_us=int(placed.at_us), readings=tracker.readings).feed(part)
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
         heights_mm, along_mm = tracker.height_mm(decoded.counts), tracker.along_mm(decoded.along)
         read_mm.append(np.column_stack([heights_mm - placed.zero_mm, *([] if along_mm is None else [along_mm])]))
+    if not places:
+        return
     traces.write(
         root,
         header,
         "foot",
         places=np.concatenate(places),
-        columns={
-            name: bids.PhysioColumn(mm, text, "mm", 3)
-            for mm, (name, text) in zip(np.concatenate(read_mm).T, FOOT_COLUMNS.items(), strict=False)
-        },
+        samples=read_mm,
+        columns={name: traces.Column(text, "mm", 3) for name, text in [*FOOT_COLUMNS.items()][: tracker.readings]},
         rate_hz=rate_hz,
         description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
         origin=origin,

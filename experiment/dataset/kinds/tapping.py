@@ -1,6 +1,7 @@
 """Taps on two materials in a dataset: a row for each pair that was laid out, and a trace of the force that was sent."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,9 @@ from numpy.typing import NDArray
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import tracker_of
-from palpate.experiment.apparatus.servo.record import cycles_of
+from palpate.experiment.apparatus.servo.record import CYCLE, cycles_of
 from palpate.experiment.apparatus.servo.settings import largest_force_n
-from palpate.experiment.dataset import bids, traces
+from palpate.experiment.dataset import traces
 from palpate.experiment.dataset.build import ORIGINS, Cells, DatasetKind, heard_cells, raw_frames
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.protocol.kinds.tapping import Tapping
@@ -63,23 +64,23 @@ def _write_force(dataset: Dataset, path: Path, contents: Contents) -> None:
         return
     header, protocol = contents.header, dataset.version(contents.header)
     virtual, rig = protocol.table(Tapping), rigs.session_rig(storage.rig_path(path), header.rig_sha256)
-    parts = raw_frames(path, [entry for entry, _ in pushed])
     begun_ns = contents.lines[0].t_ns
-    cycles = np.concatenate(
-        [cycles_of(part, later_ns=shift_ns - begun_ns) for part, (_, shift_ns) in zip(parts, pushed, strict=True)]
-    )
-    places = _places(cycles, virtual.rate_hz)
-    read = np.where(cycles["samples"][:, None] > 0, cycles["place_mm"], np.nan)
-    values = [one[:, axis] for axis in (0, 1) for one in (read, cycles["asked_n"], cycles["sent_n"])]
+
+    def parts() -> Iterator[NDArray[np.void]]:
+        read = raw_frames(path, [entry for entry, _ in pushed])
+        for part, (_, shift_ns) in zip(read, pushed, strict=True):
+            yield cycles_of(part, later_ns=shift_ns - begun_ns)
+
     planar = tracker_of(rig).readings == 2
+    places = _places(parts(), sum(entry.trace.length for entry, _ in pushed) // CYCLE.itemsize, virtual.rate_hz)
     traces.write(
         dataset.root,
         header,
         "force",
         places=places,
+        samples=(_columns(cycles)[:, : 6 if planar else 3] for cycles in parts()),
         columns={
-            name: bids.PhysioColumn(one.astype(float), text, unit, DECIMALS)
-            for one, (name, (text, unit)) in zip(values if planar else values[:3], COLUMNS.items(), strict=False)
+            name: traces.Column(text, unit, DECIMALS) for name, (text, unit) in [*COLUMNS.items()][: 6 if planar else 3]
         },
         rate_hz=virtual.rate_hz,
         description=ABOUT,
@@ -90,21 +91,34 @@ def _write_force(dataset: Dataset, path: Path, contents: Contents) -> None:
                 "DampingNewtonSecondPerMetre": virtual.damping_n_s_m,
                 **({} if virtual.mass_kg is None else {"BlockKilogram": virtual.mass_kg}),
                 "LimitNewton": largest_force_n(protocol.exposure.force_peak_n, rig.servo),
-                "Cycles": cycles.size,
+                "Cycles": places.size,
                 "LostCycles": sum(entry.lost for entry, _ in pushed),
             }
         },
     )
 
 
-def _places(cycles: NDArray[np.void], rate_hz: float) -> NDArray[np.float64]:
-    """Return where cycles stand on the grid, shape (n,): by the servo's deadlines since it was opened."""
-    anew = np.flatnonzero(np.diff(cycles["number"].astype(np.int64)) <= 0) + 1
-    met = cycles["cycle"].astype(float)
-    late = cycles["t_ns"] * (rate_hz / 1e9) - met
-    return np.concatenate(
-        [of + np.rint(np.median(by)) for of, by in zip(np.split(met, anew), np.split(late, anew), strict=True)]
-    )
+def _columns(cycles: NDArray[np.void]) -> NDArray[np.float64]:
+    """Return the values of `COLUMNS`, shape (n, 6)."""
+    read = np.where(cycles["samples"][:, None] > 0, cycles["place_mm"], np.nan)
+    each = [one[:, axis] for axis in (0, 1) for one in (read, cycles["asked_n"], cycles["sent_n"])]
+    return np.column_stack(each).astype(np.float64)
+
+
+def _places(parts: Iterable[NDArray[np.void]], size: int, rate_hz: float) -> NDArray[np.float64]:
+    """Return where so many cycles stand on the grid, shape (n,): by the servo's deadlines since it was opened."""
+    met, late, anew = np.empty(size), np.empty(size), [0]
+    at, newest = 0, -1
+    for cycles in parts:
+        own = slice(at, at + cycles.size)
+        met[own] = cycles["cycle"]
+        late[own] = cycles["t_ns"] * (rate_hz / 1e9) - met[own]
+        numbers = np.append(newest, cycles["number"].astype(np.int64))
+        anew += (np.flatnonzero(np.diff(numbers) <= 0) + at).tolist()
+        at, newest = own.stop, int(numbers[-1])
+    for begun, ended in pairwise([*anew, size]):
+        met[begun:ended] += np.rint(np.median(late[begun:ended]))
+    return met
 
 
 DATASET = DatasetKind(_cells, write=_write_force)

@@ -2,68 +2,17 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from palpate.experiment.dataset.bids import PhysioColumn, beh_path, table, write_physio
+from palpate.experiment.dataset.bids import beh_path, table
 from palpate.experiment.dataset.imports.reconstruction import new_dataset
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import columns_of
 from palpate.experiment.storage import write_bytes
 from tests.analysis.datasets import trial, write_dataset
-
-samples = st.lists(st.one_of(st.just(float("nan")), st.floats(-1e4, 1e4)), max_size=60)
-
-
-def _column(values: list[float], decimals: int = 2) -> PhysioColumn:
-    return PhysioColumn(np.array(values, dtype=np.float64), "Height.", "mm", decimals)
-
-
-def _physio(folder: Path, columns: dict[str, PhysioColumn]) -> tuple[list[list[str]], dict[str, object]]:
-    path = folder / "sub-1_task-a_recording-foot_physio.tsv.gz"
-    write_physio(path, columns, rate_hz=2000.0, start_s=-0.5, task="a", description="A foot.", origin="REHEARSAL")
-    text = gzip.decompress(path.read_bytes()).decode()
-    sidecar = json.loads((folder / "sub-1_task-a_recording-foot_physio.json").read_text())
-    return [line.split("\t") for line in text.splitlines()], sidecar
-
-
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(samples, st.integers(0, 4))
-def test_samples_come_back_to_the_last_decimal(tmp_path: Path, values: list[float], decimals: int) -> None:
-    rows, _ = _physio(tmp_path, {"height": _column(values, decimals), "gap": _column([np.nan] * len(values))})
-    assert len(rows) == len(values)
-    for (cell, gap), value in zip(rows, values, strict=True):
-        assert gap == "n/a"
-        if np.isnan(value):
-            assert cell == "n/a"
-        else:
-            assert float(cell) == pytest.approx(value, abs=0.500001 * 10.0**-decimals)
-
-
-def test_the_sidecar_describes_the_recording(tmp_path: Path) -> None:
-    _, sidecar = _physio(tmp_path, {"height": _column([1.0])})
-    assert (sidecar["SamplingFrequency"], sidecar["StartTime"], sidecar["Columns"]) == (2000.0, -0.5, ["height"])
-    assert sidecar["height"] == {"Description": "Height.", "Units": "mm"}
-    assert str(sidecar["Description"]).startswith("REHEARSAL")
-
-
-def test_the_same_recording_gives_the_same_bytes(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        _physio(tmp_path / name, {"height": _column([1.0, np.nan, 2.0])})
-    one, other = (next((tmp_path / name).glob("*.gz")).read_bytes() for name in ("a", "b"))
-    assert one == other
-
-
-def test_columns_of_different_length_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="one length"):
-        _physio(tmp_path, {"a": _column([1.0]), "b": _column([1.0, 2.0])})
 
 
 def test_cells_of_a_table() -> None:

@@ -239,7 +239,7 @@ def test_the_force_that_was_sent_is_on_record_with_what_is_lost(tmp_path: Path) 
     assert [(one.cycles, one.lost) for one in pushed] == [(64, 0), (64, 64)]
     path = storage.raw_path(storage.journal_path(tmp_path, "01", "live"), "force.bin")
     assert path.read_bytes() == first + third
-    assert build.raw_frames(storage.journal_path(tmp_path, "01", "live"), pushed) == [first, third]
+    assert [*build.raw_frames(storage.journal_path(tmp_path, "01", "live"), pushed)] == [first, third]
     assert len(lost) == len(first)
 
 
