@@ -16,7 +16,7 @@ from typing import NamedTuple
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.contact import path
-from palpate.experiment.synthesis.contact.block import Block, Pair
+from palpate.experiment.synthesis.contact.block import Block, Pair, new
 from palpate.experiment.synthesis.contact.observer import Observer, Seen
 from palpate.experiment.synthesis.contact.path import Left, State, Stepped
 
@@ -144,24 +144,31 @@ def step(
     if observer is not None and seen is not None:
         seen = observer.step(seen, hand_m, dt_s, sent_n)
         hand_m, hand_m_s = seen[:2], seen[2:4]
-    moved = Rendered(us, place_mm, None, NO_FORCE, armed, speed_mm_s, since_us, since_mm, seen)
+    state, force_n, touches = at.state, NO_FORCE, ()
     if block is None:
-        return moved, ()
-    state = at.state
-    if state is None or (place_mm[0] > AWAY_MM and _has_moved(state)):
-        return moved._replace(state=_outside(block, hand_m)), ()
-    try:
-        stepped = path.step((block,), state, hand_m=hand_m, dt_s=dt_s, hand_m_s=hand_m_s)
-    except SynthesisError:
-        return moved, ()
-    touches = tuple(
-        Touch(us - passed_us + one.after_s * 1e6, one.deep_m_s * 1e3, speed_mm_s)
+        state = None
+    elif state is None or (place_mm[0] > AWAY_MM and _has_moved(state)):
+        state = _outside(block, hand_m)
+    else:
+        try:
+            stepped = path.step((block,), state, hand_m=hand_m, dt_s=dt_s, hand_m_s=hand_m_s)
+        except SynthesisError:
+            state = None
+        else:
+            state, force_n = _slid(block, stepped, limit_n), stepped.force_n
+            if armed and stepped.switches:
+                touches = _touches(stepped, us - passed_us, speed_mm_s)
+    armed = armed and not touches
+    return new(Rendered, (us, place_mm, state, force_n, armed, speed_mm_s, since_us, since_mm, seen)), touches
+
+
+def _touches(stepped: Stepped, begun_us: int, speed_mm_s: float) -> tuple[Touch, ...]:
+    """Return the first touch of a step that began at a device time, microseconds, if there is one."""
+    return tuple(
+        Touch(begun_us + one.after_s * 1e6, one.deep_m_s * 1e3, speed_mm_s)
         for _, one in stepped.switches
-        if one.kind == "touch" and armed
+        if one.kind == "touch"
     )[:1]
-    return moved._replace(
-        state=_slid(block, stepped, limit_n), force_n=stepped.force_n, armed=armed and not touches
-    ), touches
 
 
 def _slid(block: Block, stepped: Stepped, limit_n: float) -> State:

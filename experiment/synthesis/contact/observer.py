@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.experiment.synthesis.contact.block import Pair
+from palpate.experiment.synthesis.contact.block import Pair, new
 
 CHANGES_M_S2 = 0.1
 """By how much the hand's own acceleration changes from sample to sample, SD, m/s^2. Ours, by simulation of hands that
@@ -69,7 +69,7 @@ class Observer:
         ahead_along = along + (along_s + beside * dt_s / 2) * dt_s
         off, off_along = at_m[0] - ahead, at_m[1] - ahead_along
         beta, gamma = beta / dt_s, gamma / (dt_s * dt_s)
-        return Seen(
+        after = (
             ahead + alpha * off,
             ahead_along + alpha * off_along,
             out_s + pushed * dt_s + beta * off,
@@ -77,3 +77,4 @@ class Observer:
             out_s2 + gamma * off,
             along_s2 + gamma * off_along,
         )
+        return new(Seen, after)

@@ -139,7 +139,8 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, ha
             after.append(at)
         else:
             after.append(_parted(block, at, hand_m, moving, now_s) if at.deep_m <= 0 else at)
-    return Stepped(State(now_s, hand_m, moving, tuple(after)), (force_x, force_y), tuple(switches))
+    state = new(State, (now_s, hand_m, moving, tuple(after)))
+    return new(Stepped, (state, (force_x, force_y), tuple(switches)))
 
 
 def trajectory(blocks: Sequence[Block], *, times_s: ArrayLike, hand_m: ArrayLike) -> Trajectory:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
+import os
+import signal
 import threading
 from collections import deque
 from contextlib import ExitStack
@@ -17,17 +20,18 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig
-from palpate.experiment.apparatus.servo.record import ForceRecord
+from palpate.experiment.apparatus.servo.record import CYCLE, ForceRecord
 from palpate.experiment.apparatus.servo.rendering import Felt, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.landing import LandingPredictor
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.dataset import build
+from palpate.experiment.dataset import build, tables
+from palpate.experiment.dataset.kinds import tapping
 from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol, Step
-from palpate.experiment.records import transcript
+from palpate.experiment.records import chain, transcript
 from palpate.experiment.records.entries import Answer, Note, PlannedTrial, Redo
 from palpate.experiment.records.kinds.tapping import Changed, Place, Pushed, Tapped
 from palpate.experiment.rehearsal.kinds.tapping import hand
@@ -241,6 +245,64 @@ def test_the_force_that_was_sent_is_on_record_with_what_is_lost(tmp_path: Path) 
     assert path.read_bytes() == first + third
     assert [*build.raw_frames(storage.journal_path(tmp_path, "01", "live"), pushed)] == [first, third]
     assert len(lost) == len(first)
+
+
+def test_a_kill_while_a_force_is_written_costs_that_part_alone(tmp_path: Path) -> None:
+    """The second part stops in the middle of a cycle; the session goes on behind it, with a servo that counts anew."""
+
+    def forces(begin: int) -> list[bytes]:
+        record, at_ns = ForceRecord(), START_NS + begin * 400_000
+        each = [record.add(n, at_ns + n * 400_000, 1, (-0.1, 0.0), (1.0, 0.0), (0.9, 0.0)) for n in range(2 * 64)]
+        return [one for one in each if one]
+
+    parts = [*forces(0), *forces(1000)]
+    torn = CYCLE.itemsize * 20 + 7
+
+    class Sending(ScriptedServo):
+        def forces(self) -> bytes:
+            return left.popleft() if left else b""
+
+    def killed(file: Any, raw: bytes, **how: Any) -> None:
+        if raw == parts[1]:
+            written(file, raw[:torn], **how)
+            os.kill(os.getpid(), signal.SIGKILL)
+        written(file, raw, **how)
+
+    written, left = chain.write_through, deque(parts[:2])
+    child = os.fork()
+    if not child:
+        with mock.patch.object(chain, "write_through", killed):
+            Session([([touch(100.0)], "1"), ([touch(100.0, 2_000_000)], "2")], tmp_path, servo=Sending())
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+    path = storage.journal_path(tmp_path, "01", "live")
+    raw = storage.raw_path(path, "force.bin")
+    assert raw.read_bytes() == parts[0] + parts[1][:torn]
+    (named,) = [one for one in contents(tmp_path).entries if isinstance(one, Pushed)]
+    assert [*build.raw_frames(path, [named])] == parts[:1]
+
+    left = deque(parts[2:])
+    Session([([touch(100.0)], "1"), ([touch(100.0, 2_000_000)], "2")], tmp_path, servo=Sending())
+    pushed = [one for one in contents(tmp_path).entries if isinstance(one, Pushed)]
+    assert [*build.raw_frames(path, pushed)] == [parts[0], *parts[2:]]
+    assert raw.read_bytes() == parts[0] + parts[1][:torn] + b"".join(parts[2:])
+    dataset: Any = SimpleNamespace(
+        root=tmp_path,
+        purpose="REHEARSAL",
+        version=lambda _: PROTOCOL,
+        sessions=((path, contents(tmp_path).header),),
+        under_way=(),
+    )
+    assert [one.where for one in tables.lost_traces(dataset)] != []
+    with mock.patch.object(tapping.rigs, "session_rig", return_value=rig.load(shipped("rigs/tapping.toml"))):
+        tapping.DATASET.write(dataset, path, contents(tmp_path))
+    assert [*tables.lost_traces(dataset)] == []
+    (trace,) = tmp_path.rglob("*_physio.tsv.gz")
+    rows = gzip.decompress(trace.read_bytes()).decode().splitlines()
+    known = np.flatnonzero([not row.startswith("n/a") for row in rows])
+    assert known[:64].tolist() == [*range(64)]
+    assert np.flatnonzero(np.diff(known) != 1).tolist() == [63]
+    assert known.size == 64 + 2 * 64
 
 
 def test_no_answer_is_taken_before_both_surfaces_were_tapped(tmp_path: Path, approved: SnapshotAssertion) -> None:
