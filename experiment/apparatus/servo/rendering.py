@@ -144,7 +144,8 @@ def step(
     if observer is not None and seen is not None:
         seen = observer.step(seen, hand_m, dt_s, sent_n)
         hand_m, hand_m_s = seen[:2], seen[2:4]
-    state, force_n, touches = at.state, NO_FORCE, ()
+    state, force_n = at.state, NO_FORCE
+    touches: tuple[Touch, ...] = ()
     if block is None:
         state = None
     elif state is None or (place_mm[0] > AWAY_MM and _has_moved(state)):

@@ -294,7 +294,7 @@ def test_a_kill_while_a_force_is_written_costs_that_part_alone(tmp_path: Path) -
         under_way=(),
     )
     assert [one.where for one in tables.lost_traces(dataset)] != []
-    with mock.patch.object(tapping.rigs, "session_rig", return_value=rig.load(shipped("rigs/tapping.toml"))):
+    with mock.patch.object(rig, "session_rig", return_value=rig.load(shipped("rigs/tapping.toml"))):
         tapping.DATASET.write(dataset, path, contents(tmp_path))
     assert [*tables.lost_traces(dataset)] == []
     (trace,) = tmp_path.rglob("*_physio.tsv.gz")
