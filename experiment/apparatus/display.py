@@ -39,6 +39,8 @@ class ScreenKeys(Confined):
         probe: plays the probe.
         done: loud enough; or the trial may begin.
         stop: silences everything and pauses, any time.
+        back: a page back in a long instruction.
+        forth: a page on.
     """
 
     RULES: ClassVar[Rules] = _key_rules
@@ -48,6 +50,8 @@ class ScreenKeys(Confined):
     probe: KeyName = "right"
     done: KeyName = "return"
     stop: KeyName = Field("escape", json_schema_extra={"since": 2})
+    back: KeyName = Field("pageup", json_schema_extra={"since": 6})
+    forth: KeyName = Field("pagedown", json_schema_extra={"since": 6})
 
 
 class ScreenWords(Confined):
@@ -86,14 +90,15 @@ class ScreenWords(Confined):
         right: as `slow`; of a hand, the lamp unlit.
         fast: as `slow`; of a hand, the lamp lit.
         finished: all trials answered.
-        headphones: added to `finished` and `thanks` after a masker.
+        headphones: added to `pause`, `finished` and `thanks` after a masker.
+        headphones_on: added to `pause_over` after one.
         thanks: session ended.
         gone: no connection.
     """
 
     wait: Line = "Please wait."
-    masker: Line = "The noise hides the sound of the panel. Make it louder until you no longer hear the panel."
-    set_for_you: Line = "The noise hides the sound of the panel. Say when you no longer hear the panel."
+    masker: Line = "Make the noise louder until you no longer hear the panel."
+    set_for_you: Line = "Say when you no longer hear the panel."
     louder: Line = "louder"
     softer: Line = "softer"
     probe: Line = "let the panel vibrate"
@@ -124,6 +129,7 @@ class ScreenWords(Confined):
     fast: Line = "too fast"
     finished: Line = "You have answered all of this part. Please wait for the experimenter."
     headphones: Line = "You may take the headphones off."
+    headphones_on: Line = Field("Put the headphones on again.", json_schema_extra={"since": 6})
     thanks: Line = "This session is over. Thank you."
     gone: Line = "Please wait a moment. The experimenter will be with you."
 

@@ -167,8 +167,9 @@ def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practic
     if not practice and storage.seed_path(folder).exists() and enrolment.purpose_of(folder) == "PILOT":
         label = "PILOT"
     at_will = any(kind_of(task.kind).at_will for task in protocol.tasks)
-    mode = protocol.answers.mode
-    return View(label=label, study=protocol.study.id, at_will=at_will, mode=mode, participant=participant)
+    mode, progress = protocol.answers.mode, protocol.answers.progress
+    study = protocol.study.id
+    return View(label=label, study=study, at_will=at_will, mode=mode, progress=progress, participant=participant)
 
 
 def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"], *, last: bool) -> None:

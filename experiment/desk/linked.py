@@ -379,7 +379,8 @@ class LinkedConsole:
                 # What was reached stays on the screen of a pause.
                 self._now(state="preparing", **_standing(self._session))
             self._session, self._repeated, self._armed = session, None, None
-            self._now(instruction="", again="", masked=self._view.masked and session is None)
+            silent = session is None or session.gauges() is None
+            self._now(instruction="", again="", masked=self._view.masked and silent)
             return self._failed or (self._paused_by if self._pausing is not None else "")
 
     def tell(self, event: questions.Event) -> None:

@@ -172,7 +172,8 @@ class View(Message):
     this, where its design has words for that.
     `instruction` is the participant's: of the familiarization, then of the task until a first answer. `heard` is the
     microphone's proposal. `again` says why the step before did not count. `answers` are this task's, once asked for.
-    `masked`: headphones played a masker in this task. `mode` is the protocol's of answers.
+    `masked`: headphones played a masker in this task. `mode` is the protocol's of answers, and whether the
+    participant sees their `progress`.
     `pause_until_ns` ends a break or a familiarization, ns of the system's clock.
     """
 
@@ -181,6 +182,7 @@ class View(Message):
     study: str = ""
     at_will: bool = False
     mode: Mode = "oral"
+    progress: bool = False
     participant: str = ""
     step: str = ""
     steps: tuple[str, ...] = ()
@@ -220,7 +222,8 @@ class Prompt(Message):
     and given as `mode` says. `keys` answer `question`: those of `answers` in their order where they are chosen here.
     `pace` is of the last step; `lamp` says too fast, None for no lamp. `second`: the second of two virtual surfaces is
     there, None without. `hand_mm` is the hand's height above the block, None for no picture. `unmasked`: a masker has
-    stopped. A break lasts until `until_ns`, ns of the system's clock. `label` is PRACTICE or PILOT, empty in a study.
+    stopped. A break lasts until `until_ns`, ns of the system's clock. `progress` is answered trials and all, where the
+    protocol shows it. `label` is PRACTICE or PILOT, empty in a study.
     """
 
     kind: Literal["prompt"] = "prompt"
@@ -241,6 +244,7 @@ class Prompt(Message):
     hand_mm: float | None = None
     unmasked: bool = False
     until_ns: int | None = None
+    progress: tuple[int, int] | None = None
     label: Label = ""
 
     @property

@@ -3,13 +3,13 @@
 It reads only the state, how answers are given, whether samples are compared or the step is the debriefing, the
 question's kind and keys, the instruction, the last step's pace and whether it counted, whether the hand is too fast,
 its height and place, whether a masker was played, which of several stimuli plays, what a trial asks, the end of a
-break, a fault at the end, and the label of a practice.
+break, a fault at the end, the label of a practice, and how many trials are answered, of how many.
 """
 
 from collections.abc import Mapping
 from typing import get_args
 
-from palpate.experiment.desk.messages import ENTER, Asked, Label, Prompt, Show, View
+from palpate.experiment.desk.messages import ENTER, Asked, Gauges, Label, Prompt, Show, View
 from palpate.experiment.desk.questions import DEBRIEFING, STEP
 from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol
@@ -38,6 +38,9 @@ AT_QUESTION: dict[str, Show] = {
 LIT = ("instructions", "ready", "coming", "answer", "compare")
 """Where the lamp is shown that says that the hand is too fast."""
 
+AMONG_TRIALS = ("wait", "ready", "coming", "answer", "compare", "break")
+"""Where progress is shown, if the protocol shows it."""
+
 IN_STATE: dict[str, Show] = {
     "familiarising": "instructions",
     "armed": "ready",
@@ -58,11 +61,14 @@ def shown_answers(protocol: Protocol) -> dict[str, str]:
     return dict(zip(design.answers(protocol, ()), design.shown(protocol), strict=True))
 
 
+NO_GAUGES = Gauges(left_s=0.0)
+
+
 def prompt(view: View, answers: Mapping[str, str]) -> Prompt:
     """Return what the participant's screen shows, with the number 0; `answers`, in words by their keys, are allowed in
     any trial.
     """
-    asked, gauges, show = view.question, view.gauges, _show(view)
+    asked, gauges, show = view.question, view.gauges or NO_GAUGES, _show(view)
     number, keys = _offered(asked, answers)
     return Prompt(
         show=show,
@@ -75,14 +81,19 @@ def prompt(view: View, answers: Mapping[str, str]) -> Prompt:
         mode=view.mode,
         question=number,
         keys=keys,
-        pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
-        lamp=gauges.too_fast if gauges is not None and show in LIT else None,
-        second=gauges.second if gauges is not None and show == "compare" else None,
-        hand_mm=gauges.hand_mm if gauges is not None and show == "instructions" else None,
-        unmasked=view.masked and show in ("finished", "thanks"),
+        pace=gauges.pace if show in ("ready", "answer") else None,
+        lamp=gauges.too_fast if show in LIT else None,
+        second=gauges.second if show == "compare" else None,
+        hand_mm=gauges.hand_mm if show == "instructions" else None,
+        unmasked=view.masked and show in ("break", "finished", "thanks"),
         until_ns=view.pause_until_ns if show == "break" else None,
+        progress=_progress(view) if show in AMONG_TRIALS else None,
         label=next((label for label in get_args(Label) if label == view.label), ""),
     )
+
+
+def _progress(view: View) -> tuple[int, int] | None:
+    return (view.standing.answered, view.standing.trials) if view.progress else None
 
 
 def _show(view: View) -> Show:

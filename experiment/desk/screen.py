@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ from palpate.experiment.desk import pages
 from palpate.experiment.desk.link import Line
 from palpate.experiment.desk.messages import Choose, Deed, Hello, Pause, Prompt, Shown
 from palpate.experiment.desk.pages import Page
+from palpate.experiment.desk.pages.lettering import font_for
 from palpate.experiment.errors import DisplayError, LinkError
 
 if TYPE_CHECKING:
@@ -249,7 +250,8 @@ class Screen:
         self._prompt: Prompt | None = None
         # Letters take a while to be drawn, and whoever stops everything must not wait for them.
         self._artist = ThreadPoolExecutor(1, "artist")
-        self._drawing: tuple[Page, Heard, Future[Image]] | None = None
+        self._drawing: tuple[Page, Heard, Future[tuple[Image, int]]] | None = None
+        self._part, self._parts = 0, 1
         self._shown = Heard(None, None)
         self._since_ns = self._drawn_ns = 0
         self._told: tuple[Line, int] | None = None
@@ -263,6 +265,7 @@ class Screen:
             heard = self.feed.heard()
             keys, clicks = self._pressed(heard)
             before_ns, looked_ns = looked_ns, monotonic_ns()
+            self._turn(sum(pages.turned(key, self.settings) for key in keys))
             chosen = [pages.chosen(self._prompt, key, self.settings) for key in keys]
             chosen += [pages.touched(self._prompt, place, self.window.size_px) for place in clicks]
             for choice in filter(None, chosen):
@@ -290,6 +293,9 @@ class Screen:
     def _show(self, heard: Heard) -> None:
         prompt = heard.prompt
         page, hand_mm = pages.page(prompt, self.settings, wall_ns()), prompt.hand_mm if prompt else None
+        if self._page is None or page.text != self._page.text:
+            self._part, self._parts = 0, 1
+        page = replace(page, part=self._part)
         moved = hand_mm != (self._prompt.hand_mm if self._prompt else None)
         if page != self._page:
             self._drawing = self._drawing or (page, heard, self._artist.submit(self._picture, page))
@@ -298,7 +304,8 @@ class Screen:
             # It is shown although another may be due meanwhile, so that one that changes all the time is seen.
             (page, heard, drawn), self._drawing = self._drawing, None
             prompt = heard.prompt
-            self.window.put(drawn.result())
+            picture, self._parts = drawn.result()
+            self.window.put(picture)
             self.window.offer(mouse=bool(page.options))
             self._since_ns = self._drawn_ns = self.window.show(hand_mm)
             # What was pressed before the page was seen answers nothing on it.
@@ -307,8 +314,12 @@ class Screen:
             self._drawn_ns = self.window.show(hand_mm)
         self._page, self._prompt, self._shown = page, prompt, heard
 
-    def _picture(self, page: Page) -> Image:
-        font, missing = pages.font_for(page.letters, self._font)
+    def _turn(self, by: int) -> None:
+        """Show another part of a text that is too long for one page."""
+        self._part = min(max(self._part + by, 0), self._parts - 1)
+
+    def _picture(self, page: Page) -> tuple[Image, int]:
+        font, missing = font_for(page.letters, self._font)
         if missing and missing != self._missing:
             self._missing = missing
             self.tell(

@@ -28,6 +28,9 @@ def broken(table: Table) -> Iterator[Broken]:
         if table_at(task, "order").get("kind") in ("full-random", "max-run"):
             allowed = "blocked-random: with levels each block has one trial of each track"
             yield Broken(("tasks", i, "order", "kind"), allowed)
+        if table_at(table, "answers").get("progress") is True and table_at(task, "levels").get("method") != "constant":
+            allowed = f"false: what is left of the tracks of tasks[{i}] would tell which answers were right"
+            yield Broken(("answers", "progress"), allowed)
         yield from _unbalanced(table, i, task)
     for i, rule in tables_at(table, "exclusion"):
         if rule.get("when") == "answers-below":

@@ -166,7 +166,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     `speed-above` greater than `speed-below`. At most 6 tasks are counterbalanced.
 
     `materials` of a task are some of the protocol's, once, in their order; with one, its order is not `max-run`. A task
-    with `levels` is `virtual` and `blocked-random`, without a rule `answers-below`.
+    with `levels` is `virtual` and `blocked-random`, without a rule `answers-below`, and without `answers.progress`
+    unless they are `constant`.
 
     A task with `control` is a virtual identification, of a virtual task that is none; no planned test names it.
 

@@ -36,6 +36,7 @@ from palpate.experiment.desk.messages import (
     View,
     Write,
 )
+from palpate.experiment.desk.pages import lettering
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import entries, journal, transcript
 from tests.experiment.desk.attended import untimed
@@ -243,10 +244,10 @@ def window(display: Display, rig: Path, end: End) -> Iterator[subprocess.Popen[s
 
 def expected(prompt: Prompt | None) -> NDArray[np.uint8]:
     page = pages.page(prompt, ScreenRig(words=WORDS), 1)
-    font, missing = pages.font_for(page.letters, None)
+    font, missing = lettering.font_for(page.letters, None)
     if missing:
         pytest.skip("needs a font with Japanese letters (package fonts-ipafont-gothic)")
-    return np.asarray(pages.drawn(page, SIZE_PX, font))
+    return np.asarray(pages.drawn(page, SIZE_PX, font)[0])
 
 
 def off(picture: NDArray[np.uint8], page: NDArray[np.uint8]) -> int:

@@ -449,6 +449,7 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
         indent="    ",
     )
     shown = ", and these answers while they answer" if answers.on_screen or answers.mode == "screen" else ""
+    shown += ", and how many trials are answered" if answers.progress else ""
     yield Said(
         f"Where the rig has a screen for the participant, it shows the instructions of this protocol{shown}. It adds "
         "short sentences, such as when to step, which may stand in the rig file: they are no part of this protocol and "

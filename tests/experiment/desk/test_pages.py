@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
 from palpate.experiment.desk import pages, prompts
 from palpate.experiment.desk.messages import ENTER, Asked, Prompt, Show, View
-from palpate.experiment.desk.pages import BACKGROUND, CAP, LIT, MUTED, TEXT, Colour, Page
+from palpate.experiment.desk.pages import BACKGROUND, CAP, LIT, MUTED, OUTLINE, TEXT, Page, lettering
+from palpate.experiment.desk.pages.lettering import Colour
 from palpate.experiment.desk.questions import Play
 from palpate.experiment.errors import DisplayError
 from palpate.experiment.protocol.rules import HEARD_KEY
@@ -37,7 +38,7 @@ def wide(text: str) -> float:
 
 
 def drawn(page: Page) -> NDArray[np.uint8]:
-    return np.asarray(pages.drawn(page, SIZE_PX, FONT))
+    return np.asarray(pages.drawn(page, SIZE_PX, FONT)[0])
 
 
 SHOWN: dict[str, tuple[Prompt | None, str]] = {
@@ -45,11 +46,11 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
     "instructions": (Prompt(show="instructions", text="Crinkle the foil."), "Crinkle the foil."),
     "wait before the first trial": (
         Prompt(show="wait", text="Step, and say what."),
-        "Step, and say what.\n\nPlease wait.",
+        "Please wait.\n\nStep, and say what.",
     ),
     "rest": (Prompt(show="rest"), "Rest your foot still on the panel."),
     "ready": (Prompt(show="ready"), "You may step."),
-    "another trial": (Prompt(show="coming", text="Say when."), "Say when.\n\nFeel what comes."),
+    "another trial": (Prompt(show="coming", text="Say when."), "Feel what comes.\n\nSay when."),
     "an interval": (Prompt(show="coming", interval=2), "Interval 2"),
     "asked by a design": (
         Prompt(show="answer", asks="Did you feel anything?", answers=("yes", "no")),
@@ -65,7 +66,7 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
     ),
     "ready for the first trial": (
         Prompt(show="ready", text="Step, and say what."),
-        "Step, and say what.\n\nYou may step.",
+        "You may step.\n\nStep, and say what.",
     ),
     "ready once more": (
         Prompt(show="ready", again=True),
@@ -73,18 +74,18 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
     ),
     "masker without a probe": (
         Prompt(show="masker", unplayed=True),
-        "The noise hides the sound of the panel. Say when you no longer hear the panel.\n\n"
+        "Say when you no longer hear the panel.\n\n"
         "Nothing vibrates by itself: touch the panel as you will in the trials, and listen.",
     ),
     "answer": (Prompt(show="answer"), "Say aloud what you felt."),
     "compare": (
         Prompt(show="compare", answers=("first", "second")),
-        "Feel both, as often as you wish. Then say your answer aloud.\nfirst\nsecond",
+        "Feel both, as often as you wish. Then say your answer aloud.\n\nfirst  ·  second",
     ),
     "second surface": (
         Prompt(show="compare", text="Tap.", second=True),
-        "Tap.\n\nFeel both, as often as you wish. Then say your answer aloud.\n\n"
-        "The second is there now. Say so when you want the first.",
+        "Feel both, as often as you wish. Then say your answer aloud.\n\n"
+        "The second is there now. Say so when you want the first.\n\nTap.",
     ),
     "first surface": (
         Prompt(show="compare", second=False),
@@ -99,6 +100,11 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
         Prompt(show="finished", unmasked=True),
         "You have answered all of this part. Please wait for the experimenter.\n\nYou may take the headphones off.",
     ),
+    "break, and silent": (Prompt(show="break", unmasked=True), "Time for a break.\n\nYou may take the headphones off."),
+    "break over": (
+        Prompt(show="break", unmasked=True, until_ns=0),
+        "The break is over. We go on when you are ready.\n\nPut the headphones on again.",
+    ),
     "thanks": (Prompt(show="thanks"), "This session is over. Thank you."),
     "no session": (None, "Please wait a moment. The experimenter will be with you."),
 }
@@ -106,13 +112,14 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
 
 @pytest.mark.parametrize(("prompt", "text"), SHOWN.values(), ids=SHOWN)
 def test_a_prompt_has_its_words(prompt: Prompt | None, text: str) -> None:
-    assert pages.page(prompt, RIG, 0).text == text
+    page = pages.page(prompt, RIG, 0)
+    assert f"{page.now}\n\n{page.text}".strip() == text
 
 
 def test_words_may_be_of_another_language() -> None:
     words = ScreenWords(ready="踏んでください。", right="ちょうどよい")
     page = pages.page(Prompt(show="ready", pace="right"), ScreenRig(words=words), 0)
-    assert (page.text, page.paces[1]) == ("踏んでください。", ("right", "ちょうどよい", True))
+    assert (page.now, page.paces[1]) == ("踏んでください。", ("right", "ちょうどよい", True))
 
 
 def test_the_masker_has_three_keys_with_what_they_do() -> None:
@@ -160,11 +167,11 @@ def test_a_key_chooses_what_stands_beside_it(key: str, choice: str | None) -> No
 def test_a_break_counts_down(left_s: float, text: str, clock: str) -> None:
     now_ns = 1_800_000_000_000_000_000
     page = pages.page(Prompt(show="break", until_ns=now_ns + int(left_s * 1e9)), RIG, now_ns)
-    assert (page.text, page.clock) == (text, clock)
+    assert (page.now, page.clock) == (text, clock)
 
 
 def test_a_break_without_an_end_has_no_clock() -> None:
-    assert pages.page(Prompt(show="break"), RIG, 0) == Page("Time for a break.")
+    assert pages.page(Prompt(show="break"), RIG, 0).clock == ""
 
 
 @given(
@@ -172,26 +179,26 @@ def test_a_break_without_an_end_has_no_clock() -> None:
     width=st.floats(1.0, 30.0),
 )
 def test_lines_lose_no_letter_and_are_no_wider(text: str, width: float) -> None:
-    lines = pages.wrapped(text, width, wide)
+    lines = lettering.wrapped(text, width, wide)
     assert "".join("".join(lines).split()) == "".join(text.split())
     assert all(wide(line) <= width or len(line) == 1 for line in lines)
 
 
 @given(words=st.lists(st.text("abcäöü", min_size=1, max_size=9), min_size=1, max_size=20))
 def test_words_that_fit_stay_whole(words: list[str]) -> None:
-    assert " ".join(pages.wrapped(" ".join(words), 9.0, wide)).split() == words
+    assert " ".join(lettering.wrapped(" ".join(words), 9.0, wide)).split() == words
 
 
 @pytest.mark.parametrize("width", [6.0, 8.0, 11.0, 20.0])
 def test_japanese_breaks_between_letters_but_before_no_full_stop(width: float) -> None:
-    lines = pages.wrapped(JAPANESE, width, wide)
+    lines = lettering.wrapped(JAPANESE, width, wide)
     assert len(lines) > 2
     assert not [line for line in lines if line[0] in "、。）」ーっ"]
     assert not [line for line in lines if line[-1] in "（「"]
 
 
 def test_a_word_longer_than_a_line_is_broken() -> None:
-    assert pages.wrapped("Geschwindigkeit", 3.0, wide) == ["Geschw", "indigk", "eit"]
+    assert lettering.wrapped("Geschwindigkeit", 3.0, wide) == ["Geschw", "indigk", "eit"]
 
 
 @pytest.mark.parametrize("page", [pages.page(prompt, RIG, 0) for prompt, _ in SHOWN.values()], ids=SHOWN)
@@ -270,13 +277,51 @@ def test_text_stands_out_as_web_pages_must(ink: Colour, paper: Colour, least: fl
     assert (lighter + 0.05) / (darker + 0.05) >= least
 
 
-@pytest.mark.parametrize("text", ["Wait.", GERMAN * 6, "lang " * 900, "W" * 400])
-@pytest.mark.parametrize("size_px", [(1280, 800), (640, 1000)])
-def test_a_long_text_stays_on_the_screen(text: str, size_px: tuple[int, int]) -> None:
-    page = Page(text, clock="9:59", keys=(("↑", "louder"), ("↓", "softer")), label="PRACTICE")
-    picture = np.asarray(pages.drawn(page, size_px, FONT))
+SIZES_PX = [(1280, 800), (1920, 1080), (1024, 768), (640, 1000)]
+
+
+def inside(picture: NDArray[np.uint8]) -> bool:
     edges = (picture[:8], picture[-8:], picture[:, :8], picture[:, -8:])
-    assert all((part == BACKGROUND).all() for part in edges)
+    return all((part == BACKGROUND).all() for part in edges)
+
+
+@pytest.mark.parametrize("text", ["Wait.", GERMAN * 6, "lang " * 250, "W" * 120])
+@pytest.mark.parametrize("size_px", SIZES_PX)
+def test_a_long_text_stays_on_the_screen(text: str, size_px: tuple[int, int]) -> None:
+    keys = (("↑", "louder"), ("↓", "softer"))
+    for page in (Page(text, clock="9:59", keys=keys, label="PRACTICE"), Page("Wait.", text, progress=(7, 40))):
+        assert inside(np.asarray(pages.drawn(page, size_px, FONT)[0]))
+
+
+@pytest.mark.parametrize("size_px", SIZES_PX)
+@pytest.mark.parametrize("room", [(1000.0, 300.0), (900.0, 90.0), (900.0, 1.0)])
+def test_of_a_text_in_parts_no_word_is_lost(size_px: tuple[int, int], room: tuple[float, float]) -> None:
+    text = " ".join(f"{GERMAN} {number}." for number in range(30))
+    parts = lettering.parted(text, room, size_px[0] / 1280, FONT, np.inf)
+    assert len(parts) > 1
+    assert " ".join(" ".join(part.lines) for part in parts).split() == text.split()
+
+
+@pytest.mark.parametrize("prompt", [Prompt(text=GERMAN * 12), Prompt(show="instructions", text=GERMAN * 12)])
+def test_each_part_of_a_text_is_another_picture_with_its_keys_where_they_were(prompt: Prompt) -> None:
+    page = pages.page(prompt, RIG, 0)
+    assert page.turns == ("PgUp", "PgDn")
+    _, count = pages.drawn(page, SIZE_PX, FONT)
+    first, second, last, beyond = (drawn(replace(page, part=part)) for part in (0, 1, count - 1, 99))
+    keys = [(picture == OUTLINE).all(axis=2) for picture in (first, second, last)]
+    assert keys[0].any()
+    assert (keys[0] == keys[1]).all()
+    assert (keys[0] == keys[2]).all()
+    assert (first != second).any()
+    assert last.tobytes() == beyond.tobytes()
+
+
+def test_progress_moves_no_text_and_is_drawn_below_it() -> None:
+    page = pages.page(Prompt(show="ready", progress=(3, 40)), RIG, 0)
+    none, some, more = (drawn(replace(page, progress=done)) for done in (None, (3, 40), (30, 40)))
+    assert (none[:740] == some[:740]).all()
+    lit = [int((one[760:770] == MUTED).all(axis=2).any(axis=0)[440:840].sum()) for one in (none, some, more)]
+    assert lit == [0, 31, 301]
 
 
 def test_short_texts_are_large() -> None:
@@ -300,29 +345,29 @@ def test_no_word_is_left_alone() -> None:
 
 def test_german_has_its_letters_in_the_font_that_is_always_there() -> None:
     page = Page(GERMAN)
-    assert pages.font_for(page.letters, None) == (FONT, "")
+    assert lettering.font_for(page.letters, None) == (FONT, "")
 
 
 def test_japanese_finds_a_font_of_the_machine() -> None:
-    font, missing = pages.font_for(Page(JAPANESE).letters, None)
+    font, missing = lettering.font_for(Page(JAPANESE).letters, None)
     if missing:
         pytest.skip("needs a font with Japanese letters (package fonts-ipafont-gothic)")
     assert font != FONT
-    boxes = np.asarray(pages.drawn(Page("一一一一"), SIZE_PX, font))
-    letters = np.asarray(pages.drawn(Page("踏準備声"), SIZE_PX, font))
+    boxes = np.asarray(pages.drawn(Page("一一一一"), SIZE_PX, font)[0])
+    letters = np.asarray(pages.drawn(Page("踏準備声"), SIZE_PX, font)[0])
     assert (letters != BACKGROUND).sum() > 2 * (boxes != BACKGROUND).sum() > 0
 
 
 def test_letters_that_no_font_has_are_told() -> None:
     nowhere = "\ue000"
-    font, missing = pages.font_for(frozenset("a" + nowhere), None)
+    font, missing = lettering.font_for(frozenset("a" + nowhere), None)
     assert (font, missing) == (FONT, nowhere)
 
 
 def test_a_font_that_is_none_is_refused_in_words(tmp_path: Path, refuses: Refuses) -> None:
     broken = tmp_path / "broken.ttf"
     broken.write_bytes(b"no font")
-    assert pages.font_for(frozenset("ab"), broken) == (broken, "ab")
+    assert lettering.font_for(frozenset("ab"), broken) == (broken, "ab")
     with refuses(DisplayError):
         pages.drawn(Page("ab"), SIZE_PX, broken)
 

@@ -167,6 +167,13 @@ def test_the_participants_screen_tells_what_is_so_through_a_whole_session(
         assert prompt(desk).show == afterwards, kind
 
 
+class Silenced(Recorded):
+    """A session that is paused: nothing is measured."""
+
+    def gauges(self) -> None:  # type: ignore[override]
+        return None
+
+
 def test_headphones_may_come_off_after_the_tasks_that_had_a_masker(desk: Desk, session: Recorded) -> None:
     assert not view(desk).masked
     with pytest.raises(PauseAsked):
@@ -175,6 +182,8 @@ def test_headphones_may_come_off_after_the_tasks_that_had_a_masker(desk: Desk, s
     assert view(desk).masked
     desk.attend(None)
     # While the files of its session are written.
+    assert view(desk).masked
+    desk.attend(Silenced())
     assert view(desk).masked
     desk.attend(session)
     assert not view(desk).masked

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 
-from palpate.experiment.desk.messages import ENTER, Asked, By, Choice, Ended, Gauges, Prompt, View, line
+from palpate.experiment.desk.messages import ENTER, Asked, By, Choice, Ended, Gauges, Prompt, Standing, View, line
 from palpate.experiment.desk.prompts import AT_QUESTION, prompt, shown_answers
 from palpate.experiment.desk.questions import ANSWERED_BY, STEP, Level, TrialAnswer, keyed
 from palpate.experiment.protocol.files import ProtocolFile
@@ -132,11 +132,21 @@ def test_who_has_answered_everything_is_told_so_until_the_end(kind: str) -> None
     assert prompt(View(step="debriefing"), SHOWN).show == "finished"
 
 
-def test_who_wore_headphones_may_take_them_off_once_everything_is_answered() -> None:
-    for view, show in ((View(step="debriefing"), "finished"), (View(state="ended"), "thanks"), (View(), "wait")):
+def test_who_wore_headphones_may_take_them_off_in_a_break_and_once_everything_is_answered() -> None:
+    off = {"finished": View(step="debriefing"), "thanks": View(state="ended"), "break": View(state="paused")}
+    for show, view in {**off, "wait": View()}.items():
         told = prompt(view.model_copy(update={"masked": True}), SHOWN)
         assert (told.show, told.unmasked) == (show, show != "wait")
         assert not prompt(view, SHOWN).unmasked
+
+
+@pytest.mark.parametrize(
+    ("state", "shown"), [("armed", True), ("answering", True), ("paused", True), ("familiarising", False)]
+)
+def test_progress_is_shown_among_trials_where_the_protocol_shows_it(state: str, shown: bool) -> None:
+    view = View.model_validate({"state": state, "standing": Standing(trials=40, answered=3, remaining=37)})
+    assert prompt(view, {}).progress is None
+    assert prompt(view.model_copy(update={"progress": True}), {}).progress == ((3, 40) if shown else None)
 
 
 @pytest.mark.parametrize(("exit_code", "show"), [(0, "thanks"), (2, "wait"), (70, "wait")])

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image as Pictures
 from PIL.Image import Image
 from syrupy.assertion import SnapshotAssertion
 
@@ -18,6 +19,7 @@ from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk import pages, screen
 from palpate.experiment.desk.link import Line, Link
 from palpate.experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Pause, Prompt, Shown, View
+from palpate.experiment.desk.pages import lettering
 from palpate.experiment.desk.screen import Feed, Heard, Screen
 from palpate.experiment.errors import DisplayError, LinkError
 from tests.approved import Refuses
@@ -129,6 +131,24 @@ def test_a_page_is_drawn_once_and_told_once() -> None:
     assert sent.deeds == [Shown(number=3, t_ns=window.seen_ns)]
 
 
+def test_a_long_instruction_is_turned_forth_and_back_and_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[int] = []
+
+    def part(page: pages.Page, *_: object) -> tuple[Image, int]:
+        drawn.append(page.part)
+        return Pictures.new("RGB", Window.size_px), 3
+
+    monkeypatch.setattr(pages, "drawn", part)
+    sent = Sent()
+    long, ready = Prompt(number=3, text="Tap. " * 400), Prompt(number=4, show="ready", text="Tap. " * 400)
+    keys = [[], ["pageup"], ["pagedown"], ["pagedown"], ["pagedown"], ["pageup"], [], []]
+    last = [heard(sent, ready)] * 4 + [heard(sent, Prompt(number=5, text="Step."))]
+    run(Told(*[heard(sent, long)] * 8, *last), Window(*keys, *[[]] * 6, as_drawn="up"))
+    # What was being read stays while the line above it changes; another text begins at its beginning.
+    assert drawn == [0, 1, 2, 1, 1, 0]
+    assert [deed.number for deed in sent.deeds if isinstance(deed, Shown)] == [3, 4, 5]
+
+
 def test_a_hand_that_moves_is_shown_without_another_page_and_told_by_nobody() -> None:
     sent, window = Sent(), Window([], [], [], [])
     practice = Prompt(number=3, show="instructions", text="Tap.", hand_mm=5.0)
@@ -191,7 +211,7 @@ def test_a_screen_that_a_session_opened_leaves_when_no_session_is_there(
 
 def test_letters_that_no_font_has_are_told_once(approved: SnapshotAssertion) -> None:
     prompt = Prompt(show="instructions", text="踏 on")
-    words = ScreenRig(font=str(pages.font_for(frozenset("a"), None)[0]))
+    words = ScreenRig(font=str(lettering.font_for(frozenset("a"), None)[0]))
     heard_ = [heard(Sent(), prompt), heard(None, None), heard(Sent(), prompt)]
     (said,) = run(Told(*heard_), Window([], [], [], []), words)
     assert said == approved
@@ -301,7 +321,7 @@ def test_a_stop_waits_for_no_page_that_is_drawn(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(screen, "ThreadPoolExecutor", ThreadPoolExecutor)
     goes_on, drawn = threading.Event(), pages.drawn
 
-    def slowly(*asked: Any) -> Image:
+    def slowly(*asked: Any) -> tuple[Image, int]:
         assert goes_on.wait(60)
         return drawn(*asked)
 

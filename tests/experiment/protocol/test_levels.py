@@ -59,6 +59,10 @@ def test_what_levels_cannot_be_is_refused_by_its_field(
     assert field in refused(changed(TAPPING, ("tasks", 0, *path), value), tmp_path)
 
 
+def test_progress_is_not_shown_where_answers_decide_how_much_is_left(tmp_path: Path) -> None:
+    assert "answers.progress" in refused(changed(TAPPING, ("answers", "progress"), True), tmp_path)
+
+
 def test_no_least_number_of_answers_is_asked_for(tmp_path: Path) -> None:
     rule = {"id": "few", "when": "answers-below", "limit": 3.0, "action": "exclude-participant", "reason": "few"}
     rules = (*TAPPING["exclusion"], rule)

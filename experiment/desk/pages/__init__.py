@@ -5,26 +5,30 @@ The background is always dark, no color is bright, and nothing moves or blinks.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import pairwise
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
 from palpate.experiment.desk.messages import ENTER, Prompt
-from palpate.experiment.errors import DisplayError
+from palpate.experiment.desk.pages.lettering import (
+    LEGIBLE_PX,
+    SIZES_PX,
+    TURNS_PX,
+    Colour,
+    Lines,
+    fitted,
+    parted,
+    typeface,
+)
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 from palpate.experiment.settings import characters
 
 if TYPE_CHECKING:
     from PIL.Image import Image
     from PIL.ImageDraw import ImageDraw
-    from PIL.ImageFont import FreeTypeFont
-
-Colour = tuple[int, int, int]
 
 BACKGROUND: Colour = (34, 38, 42)
 TEXT: Colour = (208, 203, 192)
@@ -37,16 +41,17 @@ LIT: dict[str, Colour] = {"slow": (128, 162, 200), "right": (132, 176, 136), "fa
 DESIGN_PX = (1280, 800)
 """Sizes are for a screen of this width and height, and grow and shrink with it."""
 
-SIZES_PX = (60, 52, 46, 40, 36, 32, 28, 24, 20)
-"""A text is as large as it fits."""
-
-CAPS = {"up": "↑", "down": "↓", "left": "←", "right": "→", "return": "Enter", "space": "Space"}
+CAPS = {
+    "up": "↑",
+    "down": "↓",
+    "left": "←",
+    "right": "→",
+    "return": "Enter",
+    "space": "Space",
+    "pageup": "PgUp",
+    "pagedown": "PgDn",
+}
 """What stands on a key, where that is not its name."""
-
-NO_BREAK_BEFORE = "、。，．・：；？！」』）】〕〉》ー々ゝゞぁぃぅぇぉっゃゅょゎァィゥェォッャュョヮ…‥%)]}.,:;?!"
-NO_BREAK_AFTER = "「『（【〔〈《([{"
-UNSPACED = (("\u2e80", "\u9fff"), ("\uac00", "\ud7af"), ("\uf900", "\ufaff"), ("\uff00", "\uffef"))
-"""Letters between which a line may break."""
 
 OPTION_PX, LARGEST_OPTION_PX, MOST_ROWS = 72, 36, 6
 """The height of an option's row, the largest letters in it, and how many rows there are before another column."""
@@ -57,57 +62,68 @@ DIGITS = tuple("123456789")
 HAND_MM, HAND_PX, BLOCK_PX = (-4.0, 20.0), 22, (360, 44)
 """How deep in the block and how high above it the hand is shown; its radius, and width and height of the block."""
 
+NOW_SHARES = (0.6, 0.45, 0.3)
+"""How much of the height the line that says what to do now may take, so that a text has room below it."""
+
 _FACE_PX = 230
 """The block's face above the page's end, above the lamp; 1 mm is 9 pixels."""
-
-REGULAR = ("NotoSansCJK-Regular", "NotoSans-Regular", "ipagp", "ipag", "DejaVuSans")
-"""Fonts that are taken before others, by their files."""
 
 
 @dataclass(frozen=True)
 class Page:
-    """One page: a text, a clock, keys with what they do, and the pace of the last step in its range.
+    """One page: what to do now, a text beside it, a clock, keys with what they do, and the pace of the last step.
 
-    `keys` pairs a key, or nothing, with a text. `options` are answers that can be chosen, each in a box (`boxes`).
+    Of a text that is too long one `part` is shown, by its number from 0; `turns` are the keys that go back and on.
+    `progress` is answered trials and all. `keys` pairs a key, or nothing, with a text. `options` are answers that can
+    be chosen, each in a box (`boxes`).
     `paces` are words and whether each was the last, as for a lamp. With a `block` the hand moves above it (`hand_px`).
     """
 
-    text: str
+    now: str
+    text: str = ""
+    part: int = 0
     clock: str = ""
+    progress: tuple[int, int] | None = None
     keys: tuple[tuple[str, str], ...] = ()
     options: tuple[str, ...] = ()
     paces: tuple[tuple[str, str, bool], ...] = ()
+    turns: tuple[str, str] = ("", "")
     label: str = ""
     block: bool = False
 
     @property
     def letters(self) -> frozenset[str]:
         """Every letter that is drawn."""
-        keys = (*sum(self.keys, ()), *self.options, "123456789" if self.options else "")
-        said = (self.text, self.clock, self.label, *keys, *(words for _, words, _ in self.paces))
+        digits = "0123456789/" if self.options or self.text or self.progress else ""
+        keys = (*sum(self.keys, ()), *self.turns, *self.options, digits)
+        said = (self.now, self.text, self.clock, self.label, *keys, *(words for _, words, _ in self.paces))
         return frozenset("".join(said)) - frozenset(" \n")
 
 
 def page(prompt: Prompt | None, settings: ScreenRig, now_ns: int) -> Page:
     """Return the page of a prompt at a time of the system's clock, ns; without a prompt that of a lost session."""
-    words = settings.words or ScreenWords()
+    words, caps = settings.words or ScreenWords(), settings.keys or ScreenKeys()
     if prompt is None:
         return Page(words.gone)
-    text, clock = _text(prompt, words), ""
+    (now, text), clock = _words(prompt, words), ""
     if prompt.show == "break" and prompt.until_ns is not None:
         left_s = -((now_ns - prompt.until_ns) // 1_000_000_000)
-        text = words.pause if left_s > 0 else words.pause_over
         clock = f"{left_s // 60}:{left_s % 60:02}" if left_s > 0 else ""
+        if not clock:
+            now, text = words.pause_over, words.headphones_on if prompt.unmasked else ""
     paces = (("slow", words.slow), ("right", words.right), ("fast", words.fast)) if prompt.pace else ()
     lit = [(pace, said, pace == prompt.pace) for pace, said in paces]
     if prompt.lamp is not None:
         lit.append(("fast", words.fast, True) if prompt.lamp else ("right", words.right, False))
     answering = prompt.question is not None and prompt.show in ("answer", "compare")
     return Page(
+        now=characters.plain(now),
         text=characters.plain(text),
         clock=clock,
+        progress=prompt.progress,
         keys=tuple(_keys(prompt, settings)) if prompt.question is not None and not answering else (),
         options=prompt.answers if answering else (),
+        turns=(_cap(caps.back), _cap(caps.forth)),
         paces=tuple(lit),
         label=prompt.label,
         block=prompt.hand_mm is not None,
@@ -169,49 +185,56 @@ def boxes(count: int, size_px: tuple[int, int]) -> list[tuple[float, float, floa
     ]
 
 
-def _text(prompt: Prompt, words: ScreenWords) -> str:
+def turned(key: str, settings: ScreenRig) -> int:
+    """Return how many parts of a long text a key of the participant goes on, or back."""
+    keys = settings.keys or ScreenKeys()
+    return (key == keys.forth) - (key == keys.back)
+
+
+def _words(prompt: Prompt, words: ScreenWords) -> tuple[str, str]:
+    """Return what to do now, and what is said beside it."""
+    headphones = words.headphones if prompt.unmasked else ""
     match prompt.show:
         case "instructions":
-            return prompt.text
+            return "", prompt.text
         case "masker":
-            said = words.masker if prompt.question is not None else words.set_for_you
-            return f"{said}\n\n{words.tread}" if prompt.unplayed else said
+            now = words.masker if prompt.question is not None else words.set_for_you
+            return now, words.tread if prompt.unplayed else ""
         case "rest":
-            return words.rest
+            return words.rest, ""
         case "ready":
-            return f"{prompt.text}\n\n{words.again if prompt.again else words.ready}".strip()
+            return words.again if prompt.again else words.ready, prompt.text
         case "coming" if prompt.interval is not None:
-            return words.interval.replace("{number}", str(prompt.interval))
+            return words.interval.replace("{number}", str(prompt.interval)), ""
         case "coming":
-            return f"{prompt.text}\n\n{words.coming}".strip()
+            return words.coming, prompt.text
         case "answer" | "compare":
             return _asks(prompt, words)
         case "break":
-            return words.pause
+            return words.pause, headphones
         case "finished":
-            return f"{words.finished}\n\n{words.headphones}" if prompt.unmasked else words.finished
+            return words.finished, headphones
         case "thanks":
-            return f"{words.thanks}\n\n{words.headphones}" if prompt.unmasked else words.thanks
+            return words.thanks, headphones
         case "wait":
-            return f"{prompt.text}\n\n{words.wait}".strip()
+            return words.wait, prompt.text
 
 
-def _asks(prompt: Prompt, words: ScreenWords) -> str:
-    """Return what asks for the answer, with the answers where they stand in no box."""
+def _asks(prompt: Prompt, words: ScreenWords) -> tuple[str, str]:
+    """Return what asks for the answer, and beside it the answers where they stand in no box."""
     answers = prompt.answers if prompt.mode != "screen" else ()
     if prompt.asks and prompt.show == "answer":
         how = {"oral": words.say, "keys": words.button, "screen": words.option if prompt.question is not None else ""}
-        asks = f"{prompt.asks}\n\n{how[prompt.mode]}".strip()
-    elif prompt.mode == "oral":
+        return prompt.asks, "\n".join(filter(None, (how[prompt.mode], *answers)))
+    if prompt.mode == "oral":
         asks = words.compare if prompt.show == "compare" else words.answer
     else:
         asks = words.press if prompt.mode == "keys" else words.choose if prompt.question is not None else ""
         asks = f"{words.feel} {asks}".strip() if prompt.show == "compare" else asks
-    said = "\n".join((asks, *answers))
     if prompt.show == "answer":
-        return said
+        return asks, "\n".join(answers)
     there = "" if prompt.second is None else words.second if prompt.second else words.first
-    return "\n\n".join(filter(None, (prompt.text, prompt.asks, said, there)))
+    return asks, "\n\n".join(filter(None, (there, prompt.asks, "  ·  ".join(answers), prompt.text)))
 
 
 def _keys(prompt: Prompt, settings: ScreenRig) -> Iterator[tuple[str, str]]:
@@ -233,8 +256,10 @@ def _cap(key: str) -> str:
     return CAPS.get(key, key.upper())
 
 
-def drawn(page: Page, size_px: tuple[int, int], font: Path) -> Image:
-    """Return a page as a picture of `size_px`, width and height, with the letters of a font file."""
+def drawn(page: Page, size_px: tuple[int, int], font: Path) -> tuple[Image, int]:
+    """Return a page as a picture of `size_px`, width and height, with the letters of a font file; and in how many parts
+    its text is.
+    """
     from PIL import Image, ImageDraw
 
     width, height = size_px
@@ -242,69 +267,106 @@ def drawn(page: Page, size_px: tuple[int, int], font: Path) -> Image:
     picture = Image.new("RGB", size_px, BACKGROUND)
     draw = ImageDraw.Draw(picture)
     if page.label:
-        draw.text((32 * unit, 24 * unit), page.label, MUTED, _letters(font, 24 * unit), anchor="la")
+        draw.text((32 * unit, 24 * unit), page.label, MUTED, typeface(font, 24 * unit), anchor="la")
     bottom = height - 150 * unit if page.paces else height - 60 * unit
     if page.block:
-        wide, high, face = BLOCK_PX[0] * unit / 2, BLOCK_PX[1] * unit, height - _FACE_PX * unit
-        draw.rectangle((width / 2 - wide, face, width / 2 + wide, face + high), CAP, OUTLINE, max(1, round(2 * unit)))
-        bottom = face - (9 * HAND_MM[1] + 2 * HAND_PX + 10) * unit
+        bottom = _draw_block(draw, size_px, unit)
     if page.paces:
         _draw_paces(draw, page, width / 2, height - 110 * unit, unit, font)
+    if page.progress is not None:
+        _draw_progress(draw, *page.progress, (width / 2, height - 36 * unit), unit, font)
     if page.options:
         placed = boxes(len(page.options), size_px)
         _draw_options(draw, page.options, placed, unit, font)
         bottom = min(bottom, placed[0][1] - 20 * unit)
-    keys_px = 84 * unit * len(page.keys) + (30 * unit if page.keys else 0)
+    keys_px = _row_px(page, unit) * len(page.keys) + (30 * unit if page.keys else 0)
     clock_px = 190 * unit if page.clock else 0.0
-    room = (min(1060 * unit, width - 80 * unit), bottom - 70 * unit - keys_px - clock_px)
-    lines, letters, pitch = _fitted(page.text, room, unit, font)
-    top = (70 * unit + bottom - pitch * len(lines) - keys_px - clock_px) / 2
-    for line in lines:
-        top += pitch
-        draw.text((width / 2, top - pitch / 2), line, TEXT, letters, anchor="mm")
+    wide, room_px = min(1060 * unit, width - 80 * unit), bottom - 70 * unit - keys_px - clock_px
+    gap_px = 30 * unit if page.now and page.text else 0.0
+    now, parts = _laid_out(page, (wide, room_px), gap_px, unit, font)
+    text, turns_px = parts[min(page.part, len(parts) - 1)], TURNS_PX * unit if len(parts) > 1 else 0.0
+    # Every part begins where the first does.
+    used_px = now.height + gap_px + max(part.height for part in parts) + turns_px + clock_px + keys_px
+    top = now.draw(draw, width / 2, (70 * unit + bottom - used_px) / 2, TEXT, font) + gap_px
+    text.draw(draw, width / 2, top, TEXT, font)
+    top += max(part.height for part in parts)
+    if turns_px:
+        said = f"{min(page.part, len(parts) - 1) + 1} / {len(parts)}"
+        _draw_turns(draw, said, page.turns, (width / 2, top + turns_px / 2), unit, font)
+    top += turns_px
     if page.clock:
-        draw.text((width / 2, top + 110 * unit), page.clock, TEXT, _letters(font, 120 * unit), anchor="mm")
+        draw.text((width / 2, top + 110 * unit), page.clock, TEXT, typeface(font, 120 * unit), anchor="mm")
     _draw_keys(draw, page, width / 2, top + clock_px + 30 * unit, unit, font)
-    return picture
+    return picture, len(parts)
 
 
-def _fitted(text: str, room: tuple[float, float], unit: float, font: Path) -> tuple[list[str], FreeTypeFont, float]:
-    """Return a text in lines, its letters and line spacing in pixels, as large as fits in `room`, cut with dots."""
-    for size in SIZES_PX:
-        letters = _letters(font, size * unit)
-        lines, pitch = wrapped(text, room[0], letters.getlength), 1.5 * size * unit
-        if pitch * len(lines) <= room[1]:
-            return _balanced(text, len(lines), room[0], letters), letters, pitch
-    whole = max(1, int(room[1] / pitch))
-    return [*lines[: whole - 1], f"{lines[whole - 1]} ..."], letters, pitch
+def _laid_out(
+    page: Page, room: tuple[float, float], gap_px: float, unit: float, font: Path
+) -> tuple[Lines, list[Lines]]:
+    """Return what to do now, and the parts of the text beside it, so that both fit in `room`, pixels."""
+    for share in NOW_SHARES if page.text else (1.0,):
+        now = fitted(page.now, (room[0], share * room[1]), unit, font)
+        rest = room[0], room[1] - now.height - gap_px
+        parts = parted(page.text, rest, unit, font, 0.75 * now.size_px if page.now else inf)
+        if len(parts) == 1 and parts[0].size_px >= LEGIBLE_PX * unit:
+            break
+    return now, parts
 
 
-def _balanced(text: str, count: int, width: float, letters: FreeTypeFont) -> list[str]:
-    """Return a text in `count` lines, which fit in `width`, of about one length, so that no word is left alone."""
-    too_narrow = width / 2
-    while width - too_narrow > width / 50:
-        middle = (width + too_narrow) / 2
-        if len(wrapped(text, middle, letters.getlength)) > count:
-            too_narrow = middle
-        else:
-            width = middle
-    return wrapped(text, width, letters.getlength)
+def _row_px(page: Page, unit: float) -> float:
+    """Return the height of a key's row: many stand closer."""
+    return (84 if len(page.keys) < 4 else 72) * unit
 
 
 def _draw_keys(draw: ImageDraw, page: Page, centre: float, top: float, unit: float, font: Path) -> None:
     if not page.keys:
         return
-    letters = _letters(font, 32 * unit)
+    letters = typeface(font, 32 * unit)
     cap_px = max(64 * unit, *(letters.getlength(cap) + 36 * unit for cap, _ in page.keys))
     said_px = max(letters.getlength(said) for _, said in page.keys)
     left = centre - (cap_px + 28 * unit + said_px) / 2
     for row, (cap, said) in enumerate(page.keys):
-        middle = top + (84 * row + 42) * unit
+        middle = top + _row_px(page, unit) * (row + 0.5)
         if cap:
             box = (left, middle - 32 * unit, left + cap_px, middle + 32 * unit)
             draw.rounded_rectangle(box, 10 * unit, CAP, OUTLINE, max(1, round(2 * unit)))
             draw.text((left + cap_px / 2, middle), cap, TEXT, letters, anchor="mm")
         draw.text((left + cap_px + 28 * unit, middle), said, TEXT if cap else MUTED, letters, anchor="lm")
+
+
+def _draw_block(draw: ImageDraw, size_px: tuple[int, int], unit: float) -> float:
+    """Draw the block, and return where the room of the hand above it begins."""
+    wide, high, face = BLOCK_PX[0] * unit / 2, BLOCK_PX[1] * unit, size_px[1] - _FACE_PX * unit
+    middle = size_px[0] / 2
+    draw.rectangle((middle - wide, face, middle + wide, face + high), CAP, OUTLINE, max(1, round(2 * unit)))
+    return face - (9 * HAND_MM[1] + 2 * HAND_PX + 10) * unit
+
+
+def _draw_turns(
+    draw: ImageDraw, said: str, caps: tuple[str, str], centre: tuple[float, float], unit: float, font: Path
+) -> None:
+    """Draw which part of a text is shown, between the keys that go back and on."""
+    letters = typeface(font, 28 * unit)
+    apart = letters.getlength(said) / 2 + 24 * unit
+    draw.text(centre, said, TEXT, letters, anchor="mm")
+    for side, cap in zip((-1, 1), caps, strict=True):
+        wide = max(56 * unit, letters.getlength(cap) + 32 * unit)
+        middle = centre[0] + side * (apart + wide / 2)
+        box = (middle - wide / 2, centre[1] - 28 * unit, middle + wide / 2, centre[1] + 28 * unit)
+        draw.rounded_rectangle(box, 10 * unit, CAP, OUTLINE, max(1, round(2 * unit)))
+        draw.text((middle, centre[1]), cap, TEXT, letters, anchor="mm")
+
+
+def _draw_progress(
+    draw: ImageDraw, answered: int, trials: int, centre: tuple[float, float], unit: float, font: Path
+) -> None:
+    """Draw how many trials are answered, as a bar and in digits."""
+    left, right = centre[0] - 200 * unit, centre[0] + 200 * unit
+    upper, lower = centre[1] - 4 * unit, centre[1] + 4 * unit
+    draw.rectangle((left, upper, right, lower), OUTLINE)
+    draw.rectangle((left, upper, left + (right - left) * answered / max(trials, 1), lower), MUTED)
+    said = f"{answered} / {trials}"
+    draw.text((right + 20 * unit, centre[1]), said, MUTED, typeface(font, 24 * unit), anchor="lm")
 
 
 def _draw_options(
@@ -318,15 +380,15 @@ def _draw_options(
         draw.rounded_rectangle(box, 10 * unit, CAP, OUTLINE, max(1, round(2 * unit)))
         middle, left = (box[1] + box[3]) / 2, box[0] + 24 * unit
         if str(number) in DIGITS:
-            draw.text((left, middle), str(number), MUTED, _letters(font, 32 * unit), anchor="lm")
+            draw.text((left, middle), str(number), MUTED, typeface(font, 32 * unit), anchor="lm")
         room = box[2] - left - 64 * unit
-        fits = (px for px in SIZES_PX if px <= LARGEST_OPTION_PX and _letters(font, px * unit).getlength(said) <= room)
-        letters = _letters(font, next(fits, SIZES_PX[-1]) * unit)
+        fits = (px for px in SIZES_PX if px <= LARGEST_OPTION_PX and typeface(font, px * unit).getlength(said) <= room)
+        letters = typeface(font, next(fits, SIZES_PX[-1]) * unit)
         draw.text((left + 48 * unit, middle), said, TEXT, letters, anchor="lm")
 
 
 def _draw_paces(draw: ImageDraw, page: Page, centre: float, middle: float, unit: float, font: Path) -> None:
-    letters = _letters(font, 28 * unit)
+    letters = typeface(font, 28 * unit)
     pill_px = max(letters.getlength(said) for _, said, _ in page.paces) + 56 * unit
     gap = 24 * unit
     left = centre - (len(page.paces) * pill_px + (len(page.paces) - 1) * gap) / 2
@@ -336,91 +398,3 @@ def _draw_paces(draw: ImageDraw, page: Page, centre: float, middle: float, unit:
         draw.rounded_rectangle(box, 32 * unit, LIT[pace] if lit else None, edge, max(1, round(2 * unit)))
         draw.text((left + pill_px / 2, middle), said, BACKGROUND if lit else MUTED, letters, anchor="mm")
         left += pill_px + gap
-
-
-@lru_cache(maxsize=64)
-def _letters(font: Path, size_px: float) -> FreeTypeFont:
-    from PIL import ImageFont
-
-    try:
-        return ImageFont.truetype(str(font), size_px)
-    except OSError as error:
-        raise DisplayError(
-            "screen.font", f"{font}: got {error}", "name another, or none", allowed="a font file (.ttf, .otf, .ttc)"
-        ) from error
-
-
-def wrapped(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
-    """Return a text in lines no wider than `width` by `measure`, except for a single letter.
-
-    A line ends at a blank, between letters of a script without blanks, or else in a word.
-    """
-    lines = []
-    for paragraph in text.strip().split("\n"):
-        line = ""
-        for part in _parts(paragraph):
-            if line and measure((line + part).rstrip()) > width:
-                lines.append(line.rstrip())
-                line = ""
-            line += part.lstrip() if not line else part
-            while measure(line.rstrip()) > width and len(line) > 1:
-                fits = next(n for n in range(len(line) - 1, 0, -1) if n == 1 or measure(line[:n]) <= width)
-                lines.append(line[:fits])
-                line = line[fits:]
-        lines.append(line.rstrip())
-    return lines
-
-
-def _parts(text: str) -> Iterator[str]:
-    """Yield the parts of a text that stay together on a line, blanks at their ends."""
-    part = ""
-    for before, after in pairwise(text + " "):
-        part += before
-        blank = before.isspace() and not after.isspace()
-        between = (_unspaced(before) or _unspaced(after)) and not after.isspace()
-        if blank or (between and after not in NO_BREAK_BEFORE and before not in NO_BREAK_AFTER):
-            yield part
-            part = ""
-    if part:
-        yield part
-
-
-def _unspaced(letter: str) -> bool:
-    return any(first <= letter <= last for first, last in UNSPACED)
-
-
-def font_for(letters: frozenset[str], wanted: Path | None) -> tuple[Path, str]:
-    """Return the font file for letters, and those that it lacks: the wanted, matplotlib's, or a complete one."""
-    import matplotlib as mpl
-
-    first = wanted or Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-    missing = letters - _glyphs(first)
-    if missing and wanted is None:
-        for path in _of_this_machine():
-            if letters <= _glyphs(path):
-                return path, ""
-    return first, "".join(sorted(missing))
-
-
-@lru_cache(maxsize=1)
-def _of_this_machine() -> tuple[Path, ...]:
-    from matplotlib import font_manager
-
-    paths = [Path(path) for path in font_manager.findSystemFonts()]
-
-    def preferred(path: Path) -> tuple[int, int, str]:
-        place = REGULAR.index(path.stem) if path.stem in REGULAR else len(REGULAR)
-        return place, len(path.stem), os.fspath(path)
-
-    return tuple(sorted(paths, key=preferred))
-
-
-@lru_cache(maxsize=512)
-def _glyphs(font: Path) -> frozenset[str]:
-    """Return the letters that a font file holds; none where it cannot be read."""
-    from matplotlib.ft2font import FT2Font
-
-    try:
-        return frozenset(map(chr, FT2Font(os.fspath(font)).get_charmap()))
-    except (OSError, RuntimeError):
-        return frozenset()
