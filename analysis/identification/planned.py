@@ -36,7 +36,8 @@ class Line:
     """One P of a planned test, of a `subject` in its `tasks`: a value with its interval, or F with its df.
 
     `p_holm` is None without a family. No P that is planned lies below `least`; `error` is the Monte Carlo standard
-    error of one that is drawn. `shown`: the P that is planned lies below alpha, and against chance the value above it.
+    error of one that is drawn. `loose`: the smaller of two groups varies far more than the other. `shown`: the P
+    that is planned lies below alpha, and against chance the value above it.
     """
 
     tasks: tuple[str, ...]
@@ -49,6 +50,7 @@ class Line:
     df: tuple[int, int] | None = None
     least: float | None = None
     error: float | None = None
+    loose: bool = False
     p_holm: float | None = None
     shown: bool = False
 
@@ -221,7 +223,7 @@ def _groups(plan: PlannedTest, study: Study, tasks: Tasks, rng: np.random.Genera
         people, right, trials = _counts(plan, tasks[task])
         told = [study.facts.get((who, plan.groups or "")) for who in people]
         one = compared(right[0], trials[0], [[group == own for own in told] for group in pair], rng)
-        return [_flipped((task,), " less ".join(pair), one, one.value, one.interval)]
+        return [replace(_flipped((task,), " less ".join(pair), one, one.value, one.interval), loose=one.loose)]
 
     for task, pair in product(tasks, combinations(study.groups(plan), 2)):
         yield f"{task}, {' and '.join(pair)}", partial(line, task, pair)

@@ -20,12 +20,16 @@ from palpate.analysis.statistics.sign_flips import DRAWS
 DRAWN = 1999
 """So many ways are drawn for many studies at once, where there are more."""
 
+UNLIKE = 2.0
+"""Where the variance of the smaller group is more than so many times that of the other, its test may err."""
+
 
 @dataclass(frozen=True)
 class Apart:
     """How far the means of two groups of `n` participants in all lie apart, the first less the second.
 
     `p` is two-sided, and not below `least`; `error` is its Monte Carlo standard error where ways are drawn, else None.
+    `loose`: the smaller group has more than `UNLIKE` times the other's variance, so that P is too often small.
     """
 
     n: int
@@ -33,6 +37,7 @@ class Apart:
     p: float
     least: float
     error: float | None
+    loose: bool = False
     interval: Limits | None = None
 
 
@@ -60,7 +65,9 @@ def difference(one: Sequence[Number], other: Sequence[Number], rng: np.random.Ge
     p = hits / ways if ways <= DRAWS else (hits + 1) / (DRAWS + 1)
     value = float(sum(whole[: sizes[0]]) / sizes[0] - sum(whole[sizes[0] :]) / sizes[1]) / common
     error = math.sqrt(p * (1 - p) / DRAWS) if ways > DRAWS else None
-    return Apart(people, value, p, (1 + (sizes[0] == sizes[1])) / ways, error)
+    small, large = sorted((values[: sizes[0]], values[sizes[0] :]), key=len)
+    loose = len(small) < len(large) and bool(small.var(ddof=1) > UNLIKE * large.var(ddof=1))
+    return Apart(people, value, p, (1 + (sizes[0] == sizes[1])) / ways, error, loose)
 
 
 def regrouped(values: Floats, first: int, rng: np.random.Generator) -> tuple[Floats, Floats]:

@@ -18,6 +18,7 @@ from scipy.linalg import helmert
 from scipy.special import fdtrc, stdtr, stdtrit
 
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers
+from palpate.analysis.statistics.groups import regrouped
 from palpate.analysis.statistics.inference import CONFIDENCE, log_bayes_factor
 from palpate.analysis.statistics.sign_flips import DRAWS
 
@@ -193,7 +194,7 @@ def order_effect(one: Sequence[Number], other: Sequence[Number], rng: np.random.
     if ways <= DRAWS:
         sums = values[np.array(list(combinations(range(people), sizes[0])))].sum(axis=1)
     else:
-        sums = rng.permuted(np.tile(values, (DRAWS, 1)), axis=1)[:, : sizes[0]].sum(axis=1)
+        sums, _ = regrouped(values, sizes[0], rng)
     apart = abs(people * sums - sizes[0] * values.sum())
     reached = abs(people * gaps[0].sum() - sizes[0] * values.sum())
     hits = int(np.count_nonzero(apart >= reached - 1e-9 * abs(values).max()))

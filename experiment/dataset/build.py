@@ -127,7 +127,8 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         facts = import_module("palpate.experiment.study.people.facts")
         asked = {name: one.column() for name, one in facts.columns((*dataset.versions.values(), protocol)).items()}
         for row in people:
-            own = facts.answers(root, dataset.people, str(row["participant_id"]).removeprefix("sub-"))
+            who = str(row["participant_id"]).removeprefix("sub-")
+            own = facts.simulated(protocol, who) if dataset.plan else facts.answers(root, dataset.people, who)
             row |= {name: value for name, value in own.items() if name in asked}
     simulated = origin in ("PRACTICE", "REHEARSAL")
     of_kind, folder = f"{protocol.tasks[0].kind}.toml", Path(__file__).with_name("kinds")

@@ -260,7 +260,7 @@ def _tests(table: Table, design: str) -> Iterator[Broken]:
         planned = every.get(name := str(test.get("test")), PlannableTest())
         for key, since in {"test": planned.since, **planned.takes}.items():
             if test.get(key) is not None and (number_at(table, "format") or since) < since:
-                yield Broken(("analysis", i, key), f"no '{name}' with it before format {since}")
+                yield Broken(("analysis", i, key), f"from format {since} on: set format = {since}")
         if name not in own:
             yield Broken(("analysis", i, "test"), f"one of: {', '.join(own)}, with tasks of the design '{design}'")
 

@@ -54,7 +54,7 @@ from palpate.analysis.documents.tables import (
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
-from palpate.analysis.report.answers import left_and_sure
+from palpate.analysis.report.answers import FEW, left_and_sure
 from palpate.analysis.report.heard import heard_sections
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.designs import comparison as asked
@@ -242,6 +242,9 @@ def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
         yield f"The scale of {AUTHORS[scaled.law]} has no intervals, for which it takes several participants."
         return
     groups: dict[str, list[str]] = {}
+    if len(known) > FEW and any(_side(step) == "below" for _, step in known):
+        yield _in_order(scaled, results)
+        return
     for name, step in known:
         groups.setdefault(_side(step), []).append(f"{name} ({number(step.value, 2)}, {interval(step, 2)})")
     said = {
@@ -252,6 +255,13 @@ def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
     for side, sentence in said.items():
         if side in groups:
             yield sentence.format(AUTHORS[scaled.law], joined(groups[side]))
+
+
+def _in_order(scaled: Scaled, results: Compared) -> str:
+    """Return where each of many materials lies that stand in no assumed order."""
+    rising = sorted(zip(results.materials, scaled.values, strict=True), key=lambda one: one[1].value or 0.0)
+    where = joined([f"{name} ({number(one.value, 2)}, {interval(one, 2)})" for name, one in rising])
+    return f"From low to high on the scale of {AUTHORS[scaled.law]}, 0 their mean: {where}."
 
 
 def _side(step: Estimate) -> str:

@@ -34,12 +34,18 @@ def _factor_words(task: TaskComparisons) -> str:
         return "the protocol states no two numbers that vary over all stimuli."
     if not found.factors:
         return f"no scale by factors: {found.statement}."
-    each = [f"{of.name} adds {number(of.doubling.value, 2)} ({interval(of.doubling, 2)})" for of in found.factors]
+    doubled = [(_quantity(of.name), of.doubling) for of in found.factors]
+    each = [f"{name} adds {number(one.value, 2)} ({interval(one, 2)})" for name, one in doubled]
     said = f"in logits, a doubling of {', of '.join(each)}"
     if found.apart is None:
         return f"{said}."
-    one, other = (of.name for of in found.factors[:2])
+    (one, _), (other, _) = doubled[:2]
     return f"{said}; of {one} it adds {number(found.apart.value, 2)} ({interval(found.apart, 2)}) more than of {other}."
+
+
+def _quantity(key: str) -> str:
+    """Return a number's key, in a word where there is one: a doubling has no unit."""
+    return {"amplitude_m_s2": "amplitude", "frequency_hz": "frequency"}.get(key, key)
 
 
 def factors(results: Compared, stands: Standing) -> tuple[Section, ...]:

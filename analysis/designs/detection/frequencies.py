@@ -8,6 +8,7 @@ from functools import partial
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.ticker import LogLocator, MaxNLocator
 
 from palpate.analysis.designs.detection.results import Detections, TaskDetections, Track
 from palpate.analysis.documents import drawing
@@ -112,7 +113,8 @@ def sheets(found: Detections, label: str, *, titles: bool) -> Iterator[drawing.S
             "Thresholds by frequency, rms: each participant (thin), and the geometric mean with its 95 % interval over "
             "participants."
         )
-        yield drawing.Sheet(f"frequencies{f'-{place + 1}' if place else ''}", "frequencies", said, figure)
+        name = f"frequencies-{place + 1}" if place else "frequencies"
+        yield drawing.Sheet(name, "frequencies" if place else "answers", said, figure)
 
 
 def _draw(axes: mpl.axes.Axes, of: Sequence[AtFrequency]) -> None:
@@ -131,5 +133,10 @@ def _draw(axes: mpl.axes.Axes, of: Sequence[AtFrequency]) -> None:
     axes.set_yscale("log")
     axes.set_xticks(x, [f"{one:g}" for one in x], minor=False)
     axes.set_xticks([], minor=True)
+    # Within a decade there are too few powers of ten to read a threshold by.
+    small, large = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if large > 10 * small else MaxNLocator(5))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.set_yticks([], minor=True)
     axes.set_xlabel("frequency (Hz)")
     axes.set_ylabel("threshold (m/s², rms)")

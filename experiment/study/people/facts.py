@@ -53,6 +53,12 @@ def read(protocol: Protocol, given: Mapping[str, str]) -> dict[str, Value | None
     return values
 
 
+def simulated(protocol: Protocol, participant: str) -> dict[str, Value]:
+    """Return what a SIMULATED participant chooses of facts: the values in turn, whatever they answer in trials."""
+    place = int(participant) - 1
+    return {one.id: one.values[place % len(one.values)] for one in facts(protocol) if one.values}
+
+
 def answers(root: Path, roster: Roster, participant: str) -> dict[str, Any]:
     """Return the answers of a participant whose hash the roster has; none where it has none, or they withdrew."""
     withdrew = participant in roster.withdrawn

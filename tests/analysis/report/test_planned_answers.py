@@ -12,11 +12,11 @@ from palpate.analysis.designs.identification import DESIGN
 from palpate.analysis.documents.tables import text
 from palpate.analysis.identification.identify import ChoiceIntervals
 from palpate.analysis.identification.maps import similarity_choice
-from palpate.analysis.identification.planned import TESTS
+from palpate.analysis.identification.planned import TESTS, Line, Planned
 from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Part
-from palpate.analysis.report.answers import WORDS, answers_section, planned_sections
+from palpate.analysis.report.answers import WORDS, answers_section, planned_sections, weak
 from palpate.analysis.report.plan import PLANNED, done_of, standing
 from palpate.analysis.report.prose import write_up
 from palpate.analysis.report.sections import sections
@@ -88,6 +88,16 @@ def test_a_guesser_among_others_widens_the_interval_of_the_first_screen(
     results = compute(study, {})
     assert [test.interval and test.interval.over for test in results.tasks[0].tests] == ["any population", None, None]
     assert text(answers_section(study, results, standing(study, None), ()), 80) == approved
+
+
+def test_a_smaller_group_that_varies_more_weakens_its_answer() -> None:
+    plan = PlannedTest.model_validate(
+        {"test": "difference of groups", "groups": "sex", "tasks": ("a", "b"), "question": "?"}
+    )
+    lines = tuple(Line((task,), f"{task} less c", 9, 0.04, 0.1, loose=task == "b", shown=True) for task in "ab")
+    (warned,) = weak(Planned(plan, lines, {}))
+    assert "b less c in b" in warned
+    assert "a less c" not in warned
 
 
 def test_every_test_has_its_words() -> None:

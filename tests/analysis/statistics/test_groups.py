@@ -28,6 +28,16 @@ def test_drawn_ways_have_the_p_of_all_within_their_error(monkeypatch: pytest.Mon
     assert exact.least == pytest.approx(2 / 12870)
 
 
+@pytest.mark.parametrize(
+    ("one", "other", "loose"),
+    [([0, 5, 9], [4, 5, 4, 5], True), ([4, 5, 4, 5], [0, 5, 9], True), ([4, 5, 5], [0, 9, 1, 8], False),
+     ([0, 5, 9], [4, 5, 5], False)],
+)  # fmt: skip
+def test_a_smaller_group_that_varies_more_is_marked(one: list[int], other: list[int], loose: bool) -> None:
+    """In the table of errors of planned tests such groups of equal means differ too often."""
+    assert difference(one, other, np.random.default_rng(1)).loose is loose
+
+
 def test_many_studies_have_the_p_of_each() -> None:
     values = np.random.default_rng(3).integers(0, 5, (40, 9)) / 4
     values[0] = 0.5

@@ -84,6 +84,14 @@ def test_status_tells_of_whom_nothing_is_on_record(study: MadeStudy) -> None:
     assert wanted() == []
 
 
+def test_the_simulated_choose_each_value_in_turn_and_tell_nothing_else(study: MadeStudy) -> None:
+    assert [facts.simulated(study.protocol, who) for who in ("01", "02", "04")] == [
+        {"sex": "female"},
+        {"sex": "male"},
+        {"sex": "female"},
+    ]
+
+
 def test_the_roster_has_a_hash_that_nobody_can_guess_the_answers_from(study: MadeStudy) -> None:
     path, known = storage.facts_path(study.root, "01"), Roster.load(storage.roster_path(study.root)).facts
     content = json.loads(path.read_text("utf-8"))

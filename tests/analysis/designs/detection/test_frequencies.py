@@ -83,3 +83,5 @@ def test_table_and_figure_have_every_frequency(found: Detections) -> None:
     (sheet,) = frequencies.sheets(found, "SIMULATED", titles=True)
     (axes,) = sheet.figure.axes
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["10", "250"]
+    thresholds = [tick.get_text() for tick in (*axes.get_yticklabels(), *axes.get_yticklabels(minor=True))]
+    assert len([float(one) for one in thresholds]) >= 3
