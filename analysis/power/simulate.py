@@ -36,6 +36,7 @@ from palpate.analysis.power.planned_tests import (
 from palpate.analysis.statistics.inference import wilson
 from palpate.experiment import storage
 from palpate.experiment.errors import PowerError
+from palpate.experiment.protocol import asked
 from palpate.experiment.protocol.models import Protocol
 
 if TYPE_CHECKING:
@@ -262,6 +263,11 @@ def prepare(protocol: Protocol, model: str, alpha: float | None = None) -> tuple
     """Return what is planned, at `alpha` in place of each test's own, and the model named. Raises `PowerError`."""
     if alpha is not None and not 0 < alpha < 1:
         raise PowerError("--alpha", f"got {alpha}", "give one", allowed="a number between 0 and 1")
+    for place, test in enumerate(protocol.analysis):
+        values = asked.values(protocol, test.groups) if test.groups else ()
+        if len(values) > 2:
+            got, remedy = f"a fact of {len(values)} values", "plan one of two values, or simulate it on your own"
+            raise PowerError(f"analysis[{place}].groups", got, remedy, allowed="two values, for groups of one size")
     chosen = find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)
     return design(protocol, printed.pairs() if printed else {}, alpha), chosen

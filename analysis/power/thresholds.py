@@ -54,8 +54,9 @@ class Rule(Protocol):
 class Observer:
     """One observer in one task: bias and SD, dB, of the thresholds by the rule and by the fit, over its sessions.
 
-    The bias by the rule is from the level at which the share of right answers is that of the rule. `held` of the
-    `fitted` sessions have the threshold in the fit's interval; `beyond` have none, for the track stayed at an end.
+    The bias by the rule is of the `ruled` sessions that it gives a threshold, from the level at which the share of
+    right answers is that of the rule. `held` of the `fitted` sessions have the threshold in the fit's interval;
+    `beyond` have none, for the track stayed at an end.
     """
 
     task: str
@@ -63,6 +64,7 @@ class Observer:
     lapse: float
     sessions: int
     trials: float
+    ruled: int
     rule_bias_db: float | None
     rule_sd_db: float | None
     fit_bias_db: float | None
@@ -126,12 +128,22 @@ def run(
 
 
 def doubts(protocol: StudyProtocol, rules: Mapping[str, Rule]) -> Iterator[Finding]:
-    """Yield each task whose rule of levels is off by more than `WARNED_DB` for an observer without many lapses."""
-    for task in (one for one in protocol.tasks if one.id in rules):
+    """Yield each task whose rule of levels is off by more than `WARNED_DB` for an observer without many lapses.
+
+    Or which gives a threshold in less than half of the sessions. Constant stimuli have no such rule.
+    """
+    for task in (one for one in protocol.tasks if one.id in rules and _levels(one).method != "constant"):
         off = [
             _observer(protocol, task, rules[task.id], spread_db, LAPSES[1], QUICK, 1, fits=False)
             for spread_db in SPREADS_DB
         ]
+        if 2 * (least := min(one.ruled for one in off)) < QUICK:
+            yield Finding(
+                f"task {task.id}: the rule of the levels gives a threshold in {least} of {QUICK} SIMULATED sessions",
+                remedy="have more trials, or levels further apart; `palpate power` shows every observer",
+                verdict="warns",
+            )
+            continue
         worst = max(off, key=lambda one: abs(one.rule_bias_db or 0.0))
         if abs(bias_db := worst.rule_bias_db or 0.0) > WARNED_DB:
             yield Finding(
@@ -161,7 +173,7 @@ def _observer(
         rng = np.random.default_rng((seed, session, int(10 * spread_db), int(100 * lapse)))
         # Off every level, by up to half a step of the grid.
         middle = len(grid_db) // 2
-        true_db = float(rng.uniform(*np.mean([grid_db[middle - 1 : middle + 1], grid_db[middle : middle + 2]], axis=1)))
+        true_db = float(rng.uniform(grid_db[middle - 1 : middle + 1].mean(), grid_db[middle : middle + 2].mean()))
         x, right = _track(rule, levels, task.repetitions * own.signal_trials, rng, true_db, spread_db, guess, lapse)
         trials.append(len(x))
         turned = results.reversals(right.tolist(), levels)
@@ -177,7 +189,8 @@ def _observer(
             held += one.low <= true_db <= one.high
     rule_off, fit_off = _summary(by_rule), _summary(by_fit)
     mean = float(np.mean(trials))
-    return Observer(task.id, spread_db, lapse, sessions, mean, *rule_off, *fit_off, len(by_fit), held, beyond)
+    ruled, fitted = len(by_rule), len(by_fit)
+    return Observer(task.id, spread_db, lapse, sessions, mean, ruled, *rule_off, *fit_off, fitted, held, beyond)
 
 
 def _levels(task: Task) -> Levels:

@@ -243,7 +243,7 @@ Table = TypeVar("Table", bound=Confined)
 
 
 class Familiarisation(Confined):
-    """Free handling of the real materials before a task.
+    """Free handling of the real materials before a task, or stimuli that are presented for it.
 
     Attributes:
         min_s: shortest.

@@ -212,8 +212,14 @@ def _rule(levels: Levels | None) -> str:
         share = (up / (up + 1)) ** (1 / levels.down)
         source = "Levitt 1971" if up == 1 else "Kaernbach 1991"
         steps = f", with steps of {', then '.join(map(str, levels.steps))} levels" if levels.steps else ""
+        kind = (
+            f"a staircase of {levels.down} down and 1 up"
+            if up == 1
+            else f"a weighted staircase, lowered a step by {plural(levels.down, 'right answer')} in a row and raised "
+            f"{up} by a wrong one"
+        )
         return (
-            f"levels followed a staircase of {levels.down} down and {up} up{steps} ({source}), which settles where "
+            f"levels followed {kind}{steps} ({source}), which settles where "
             f"{share:.1%} are right, and ended after {plural(levels.reversals or 0, 'reversal')} at the latest"
         )
     return {

@@ -13,7 +13,7 @@ from palpate.experiment.cli.options import Json, ProtocolFile
 from palpate.experiment.errors import Finding, Interrupted, PalpateError, PowerError, PublishedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from palpate.experiment.dataset.status import Status
 
@@ -225,6 +225,7 @@ def power(
         output.check(out, (), "power")
     protocol = files.load(protocol_file)
     if (rules := methods(protocol)) and (own := planned_design(protocol).thresholds):
+        _refuse_unused({"--looks": looks, "--rule": rule, "--alpha": alpha, "--scheduler": scheduler})
         thresholds = import_module(own)
         sessions = thresholds.SESSIONS if studies is None else studies
         off = _simulated(partial(thresholds.run, protocol, rules, sessions=sessions, seed=seed), quiet=as_json)
@@ -250,6 +251,13 @@ def power(
     if out is not None:
         report.write(result, out)
     options.put(report.as_dict(result) if as_json else report.text(result))
+
+
+def _refuse_unused(given: "Mapping[str, object]") -> None:
+    """Raise `PowerError` for the first option with a value, of those that nothing uses for a detection with levels."""
+    for option in (name for name, value in given.items() if value is not None):
+        remedy = "leave it out: every observer is simulated as the protocol says"
+        raise PowerError(option, "got a value that nothing uses for a detection with levels", remedy)
 
 
 def _simulated(run: "Callable[..., T]", *, quiet: bool) -> "T":

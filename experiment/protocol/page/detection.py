@@ -43,7 +43,7 @@ def _odd(protocol: Protocol) -> Iterator[tuple[str, str, str]]:
             continue
         up, down = levels.up or 1, levels.down or 0
         if down and (up / (up + 1)) ** (1 / down) <= GUESSED:
-            allowed = "as a rule 2 or more, or 3 for up: who guesses is right in half of the trials, where this aims"
+            allowed = "as a rule 2 or more, or so for up: who guesses is right in half of the trials, where this aims"
             yield f"tasks[{place}].levels.down", f"{down}", allowed
         if levels.guess is not None and abs(levels.guess - GUESSED) > GUESSED / 10:
             allowed = "as a rule 0.5: who guesses between two intervals is right in half of the trials"

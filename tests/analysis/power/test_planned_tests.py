@@ -22,7 +22,9 @@ from palpate.analysis.power.choice_models import draw
 from palpate.analysis.power.planned_tests import FLIPS, REPEATED, Question
 from palpate.analysis.reading import dataset
 from palpate.analysis.reading.study import Part, Study
+from palpate.experiment.errors import PowerError
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.asked import Asked
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import PlannedTest, Protocol
 from palpate.experiment.records.events import NO_ANSWER
@@ -263,6 +265,15 @@ def test_planned_tests_over_participants_are_those_of_analyse(protocol: Protocol
     holm = [answer.p for question, answer in answers.items() if question.adjusted and answer.p is not None]
     assert np.concatenate(holm) == pytest.approx([line.p_holm for line in found if line.p_holm is not None], abs=1e-9)
     assert len(planned_tests.otherwise(design)) == 2
+
+
+def test_groups_of_three_are_not_simulated_as_two(protocol: Protocol) -> None:
+    test = {"test": "difference of groups", "tasks": ("virtual",), "question": "?", "groups": "hand"}
+    asked = {"id": "hand", "question": "?", "answer": "choice", "values": ("left", "right", "both"), "reason": "None."}
+    three = {"analysis": (PlannedTest.model_validate(test),), "asked": Asked.model_validate({"people": (asked,)})}
+    with pytest.raises(PowerError) as error:
+        simulate.prepare(protocol.model_copy(update=three), "published")
+    assert error.value.finding.allowed.startswith("two")
 
 
 def test_what_the_control_has_of_equivalence_and_order(protocol: Protocol) -> None:

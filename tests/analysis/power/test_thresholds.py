@@ -58,7 +58,29 @@ def test_a_staircase_that_ends_before_it_arrives_is_warned_of() -> None:
 
 
 @pytest.mark.usefixtures("one_observer")
-def test_the_command_show_the_bias(palpate: Palpate) -> None:
+def test_two_levels_are_enough() -> None:
+    of = protocol(2, {"method": "constant", "grid": (0.1, 1.0)}, repetitions=20)
+    (found,) = thresholds.run(of, methods(of), sessions=3).observers
+    assert (found.trials, found.fitted) == (40, 3)
+    assert list(thresholds.doubts(of, methods(of))) == []
+
+
+def test_a_rule_that_gives_no_threshold_is_warned_of() -> None:
+    """Three right answers in a row, of two trials."""
+    short = protocol(2, {**STAIRS, "down": 3, "steps": (4, 2, 1)}, repetitions=2)
+    (doubt,) = thresholds.doubts(short, methods(short))
+    assert (doubt.verdict, "in 0 of 40" in doubt.what) == ("warns", True)
+
+
+@pytest.mark.parametrize("option", [("--looks", "5,10"), ("--alpha", "0.01")])
+def test_options_that_a_detection_does_not_use_are_refused(palpate: Palpate, option: tuple[str, str]) -> None:
+    code, _, err = palpate("power", "protocols/threshold.toml", *option)
+    assert code == 2
+    assert option[0] in err
+
+
+@pytest.mark.usefixtures("one_observer")
+def test_the_command_shows_the_bias(palpate: Palpate) -> None:
     code, out, _ = palpate("power", "protocols/threshold.toml", "--studies", "2", "--json")
     found = json.loads(out)
     assert (code, len(found["observers"])) == (0, 1)

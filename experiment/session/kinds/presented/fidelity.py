@@ -17,6 +17,7 @@ from palpate.experiment.errors import Finding, PalpateError, RecordingError, Rem
 from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session.kinds.presented.stimuli import Recording, peak_m_s2, recording, rendered
+from palpate.experiment.synthesis.signals import waves
 
 UNKNOWN = "nobody measured which frequencies its actuator carries"
 
@@ -119,7 +120,8 @@ def companions(protocol: Protocol) -> Iterator[Finding]:
             except RecordingError as error:
                 yield replace(error.finding, field=place)
                 continue
-            peak_m_s2 = float(np.abs(heard.m_s2 - heard.m_s2.mean()).max())
+            played = waves.ramped(heard.m_s2 - heard.m_s2.mean(), rate_hz=heard.rate_hz, ramp_s=part.ramp_s)
+            peak_m_s2 = float(np.abs(played).max())
             if peak_m_s2 > limit_m_s2:
                 most = part.recorded.full_scale_m_s2 * limit_m_s2 / peak_m_s2
                 yield Finding(

@@ -118,6 +118,19 @@ def test_a_check_opens_each_recording(
     assert all(one.remedy or one.allowed for one in every)
 
 
+def test_a_click_that_a_ramp_makes_weak_is_played(tmp_path: Path) -> None:
+    """A fifth of the way up a raised cosine a sample has 9.5 % of itself: (1 - cos(pi / 5)) / 2."""
+    click = np.zeros(4000, dtype=np.int16)
+    click[400], click[3600] = 32767, -32767
+    study = written(tmp_path, click, full_scale_m_s2=50.0)
+    (first, *others) = study.table(Presented).stimuli
+    (part,) = first.parts
+    ramped = first.model_copy(update={"parts": (part.model_copy(update={"ramp_s": 0.5}),)})
+    table = study.table(Presented).model_copy(update={"stimuli": (ramped, *others)})
+    assert [one.verdict for one in fidelity.companions(study)] == ["refuses"]
+    assert list(fidelity.companions(study.model_copy(update={"presented": table}))) == []
+
+
 def test_the_command_refuses_a_recording_that_cannot_be_played_and_tells_of_one_that_is_odd(
     tmp_path: Path, palpate: Palpate
 ) -> None:
