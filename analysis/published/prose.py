@@ -9,9 +9,10 @@ interval and is none of these is named with the reason.
 
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html.parser import HTMLParser
+from itertools import chain
 from typing import Literal, NamedTuple
 
 from palpate.analysis.published.printed import Printed
@@ -94,6 +95,9 @@ _TESTS = [(name, re.compile(f"{head}{_SIGN}({_NUMBER}){_POWER}{_BETWEEN}{_P}")) 
     (name, re.compile(f"{head}{_SIGN}({_NUMBER}){_POWER}{_DF_BEHIND}{_BETWEEN}{_P}")) for name, head in _APART.items()
 ]
 _REVERSED = [(name, re.compile(f"{_FIRST}(?P<stat>{head}{_SIGN}({_NUMBER}){_POWER})")) for name, head in _HEADS.items()]
+_BEHIND_P = [pattern for _, pattern in _REVERSED] + [
+    re.compile(f"{_FIRST}(?P<stat>{head}{_SIGN}({_NUMBER}){_POWER}{_DF_BEHIND})") for head in _APART.values()
+]
 _KNOWN = rf"(?:(?<![A-Za-z])(?:[tFzZ]|r)(?![A-Za-z])|{_CHI})"
 _OTHER = (
     r"(?:(?<![A-Za-z])(?:[UWHVTKGBDRb]|r_?\{?s\}?|rho|tau|beta|Wald|LRT?|OR|HR)(?![A-Za-z])"
@@ -125,6 +129,9 @@ _SUBSCRIPT = re.compile("[\u2080-\u2089]+(?:[,;] ?[\u2080-\u2089]+)*")
 _DASHES = str.maketrans(dict.fromkeys("\u2212\u2013\u2010\u2011\ufe63", "-") | dict.fromkeys("\u200b\u2060\ufeff"))
 
 
+_Match = tuple[re.Match[str], "Reported"]
+
+
 class Prose(NamedTuple):
     """The first `MOST_TESTS` tests of a text in their order, and sentences on what looks like one and was not read."""
 
@@ -135,20 +142,57 @@ class Prose(NamedTuple):
 def reported_tests(text: str) -> Prose:
     """Return the tests in the sentences of a text."""
     even = _even(text)
-    found: list[tuple[tuple[int, int], Reported]] = []
     taken = bytearray(len(even))
-    for patterns in (_TESTS, _REVERSED):
-        made = [
-            (match.span(), one)
-            for name, pattern in patterns
-            for match in pattern.finditer(even)
-            if _free(match.span(), taken) and (one := _reported(name, match)) is not None
-        ]
-        for span, _ in made:
-            _take(span, taken)
-        found += made
-    found.sort(key=lambda each: each[0])
+    found, unclear = _followed(_found(_TESTS, even, taken), even)
+    for match, _ in (*found, *unclear):
+        _take(match.span(), taken)
+    found += _found(_REVERSED, even, taken)
+    taken = bytearray(len(even))
+    for match, _ in found:
+        _take(match.span(), taken)
+    found.sort(key=lambda each: each[0].span())
     return Prose(tuple(one for _, one in found[:MOST_TESTS]), _unchecked(even, taken))
+
+
+def _found(patterns: Iterable[tuple[Statistic, re.Pattern[str]]], even: str, taken: bytearray) -> list[_Match]:
+    return [
+        (match, one)
+        for name, pattern in patterns
+        for match in pattern.finditer(even)
+        if _free(match.span(), taken) and (one := _reported(name, match)) is not None
+    ]
+
+
+def _followed(tests: Iterable[_Match], even: str) -> tuple[list[_Match], list[_Match]]:
+    """Return the tests whose P is the one behind them, and those of which that is not clear.
+
+    Tests in a row, each right behind the P of the one before, are one list. Where it begins with a P, each P is that of
+    the statistic behind it if the list ends with a statistic. If it ends with a P, an inequality at its beginning is a
+    level; of another number nobody knows.
+    """
+    before: dict[int, tuple[int, str]] = {}
+    for match in chain.from_iterable(pattern.finditer(even) for pattern in _BEHIND_P):
+        before[match.start("stat")] = match.start("ps"), match["ps"].strip()
+    leading = {at for at, _ in before.values()}
+    lists: list[tuple[str, list[_Match]]] = []
+    own: dict[int, list[_Match]] = {}
+    for test in sorted(tests, key=lambda each: each[0].span()):
+        at, sign = before.get(test[0].start(), (-1, ""))
+        if at not in own:
+            lists.append((sign, own.setdefault(at, [])))
+        row = own.pop(at)
+        row.append(test)
+        own[test[0].start("ps")] = row
+        own.pop(-1, None)
+    kept: list[_Match] = []
+    unclear: list[_Match] = []
+    for sign, row in lists:
+        last = row[-1][0].start("ps")
+        if not sign or (sign != "=" and last not in leading):
+            kept += row
+        elif last not in leading:
+            unclear += row
+    return kept, unclear
 
 
 def _free(span: tuple[int, int], taken: bytearray) -> bool:

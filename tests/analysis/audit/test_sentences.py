@@ -59,6 +59,28 @@ def test_a_test_is_read_however_it_is_written(sentence: str, statistic: str, df:
     assert line.agrees
 
 
+@pytest.mark.parametrize(
+    ("sentence", "p"),
+    [
+        ("(p = .03, t(11) = 2.49; p = .50, t(11) = 0.70)", {"t(11) = 2.49": "0.03", "t(11) = 0.70": "0.50"}),
+        (
+            "p = .001 for F(1, 11) = 18.2, p = .62 for F(1, 11) = 0.26",
+            {"F(1, 11) = 18.2": "0.001", "F(1, 11) = 0.26": "0.62"},
+        ),
+        ("t(11) = 2.49, p = .03, t(11) = 0.70, p = .50", {"t(11) = 2.49": "0.03", "t(11) = 0.70": "0.50"}),
+        ("at p < .05 (t(11) = 2.49, p = .03; t(11) = 0.70, p = .50)", {"t(11) = 2.49": "0.03", "t(11) = 0.70": "0.50"}),
+        ("p < .05 (t(11) = 2.49, p = .03, r = .60)", {"t(11) = 2.49": "0.03"}),
+        ("p = .03, t(11) = 2.49, p = .50", {}),
+        ("p = .03, t = 2.49, df = 11; p = .50, t = 0.70, df = 11", {}),
+    ],
+)
+def test_of_tests_in_a_row_each_has_its_own_p(sentence: str, p: dict[str, str]) -> None:
+    made = reported_tests(f"We saw {sentence}.")
+    assert {one.head: one.p.text for one in made.tests} == p
+    printed = [number for number in ("= .03", "= .50") if number in sentence]
+    assert p or all(any(number in line for line in made.unchecked) for number in printed)
+
+
 def test_a_page_with_subscripts_entities_and_scripts() -> None:
     page = (
         "<p><i>t</i><sub>11</sub>&nbsp;= 8.14, <i>p</i>&nbsp;&lt;&nbsp;.001;</p><script>t(3) = 1.0, p = .9</script>"
