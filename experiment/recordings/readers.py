@@ -35,7 +35,7 @@ from palpate.experiment.recordings.series.clocks import (
 )
 from palpate.experiment.recordings.series.column import BESIDE, Column, Kept, Table
 from palpate.experiment.recordings.text.columns import Columns, read_columns
-from palpate.experiment.recordings.text.lvm import read_lvm
+from palpate.experiment.recordings.text.lvm import NO_STEP, read_lvm
 from palpate.experiment.recordings.wav import wav_samples
 from palpate.experiment.settings import delimited
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood
@@ -90,14 +90,14 @@ def read(
     `stated` says, and axes that differ in rate, length or unit.
     """
     try:
-        pick = _opened(path, stated)
+        pick = _opened(path, stated, () if axes is None else axes.channels)
         return pick(channel) if axes is None else _of_axes([pick(one) for one in axes.channels], axes.reduction)
     except PalpateError as error:
         raise RecordingError.at(replace(error.finding, where=path)) from None
 
 
-def _opened(path: Path, stated: Stated) -> Callable[[str | None], Recording]:
-    """Read a file; return what returns one of its channels."""
+def _opened(path: Path, stated: Stated, axes: Sequence[str]) -> Callable[[str | None], Recording]:
+    """Read a file; return what returns one of its channels, of which `axes` begin and end together."""
     content = delimited.content(path)
     if (audio := next((name for begins, name in AUDIO.items() if content.startswith(begins)), None)) is not None:
         remedy = Remedy("convert it, such as by {}", ("ffmpeg", "-i", str(path), str(path.with_suffix(".wav"))))
@@ -111,7 +111,21 @@ def _opened(path: Path, stated: Stated) -> Callable[[str | None], Recording]:
         text, encoding = delimited.decoded(content, path, stated)
         lvm = text.startswith("LabVIEW Measurement")
         table = read_lvm(text.splitlines()) if lvm else _from_columns(content, text, encoding, stated)
-    return partial(_recording, str(path), table, stated)
+    return partial(_recording, str(path), _together(table, axes) if stated.resample else table, stated)
+
+
+def _together(table: Table, names: Sequence[str]) -> Table:
+    """Return a table in which channels of these names miss the rows that one of them misses at its beginning or end."""
+    places = {chosen(table.signals, name) for name in names}
+    there = [rows for at in places if (rows := np.flatnonzero(np.isfinite(table.signals[at].values))).size]
+    first, last = max((rows[0] for rows in there), default=0), min((rows[-1] for rows in there), default=0)
+    signals = list(table.signals)
+    for at in places:
+        rows = np.arange(signals[at].values.size)
+        if (outside := (rows < first) | (rows > last)).any():
+            values = signals[at].values
+            signals[at] = replace(signals[at], values=np.where(outside & np.isfinite(values), np.nan, values))
+    return replace(table, signals=signals)
 
 
 def _of_axes(axes: Sequence[Recording], reduction: Reduction) -> Recording:
@@ -286,6 +300,7 @@ def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> 
     if table.header_rates_hz:
         agreeing = (one for one in table.header_rates_hz if abs(one / on.rate_hz - 1) < AGREES)
         claimed_hz = next(agreeing, table.header_rates_hz[0])
+    if claimed_hz is not None and (table.header_rates_hz or signal.step != NO_STEP):
         doubts += _contradicts(file, claimed_hz, on.rate_hz, source)
     if table.cut:
         doubts += (Finding(table.cut, where=file, remedy="check where it ends", verdict="warns", check="unfinished"),)
@@ -318,14 +333,14 @@ def _contradicts(file: str, claimed_hz: float, rate_hz: float, source: str) -> t
 
 def _present(signal: Column, stated: Stated) -> NDArray[np.intp]:
     """Return the places of samples that are there. Raises `RecordingError` where some are not, unless a curve may
-    bridge them.
-    """  # fmt: skip
+    bridge them, or those at the ends may be cut.
+    """
     there = np.isfinite(signal.values)
     if there.all():
         return np.arange(signal.values.size)
     kept, at = np.flatnonzero(there), int(np.argmin(there))
     gaps = np.diff(np.concatenate(([-1], kept, [there.size]))) - 1
-    bridged = kept.size > 2 and gaps[1:-1].max(initial=0) <= grid.LONGEST_GAP
+    bridged = kept.size > 2 and gaps.max() <= grid.LONGEST_GAP
     if not (stated.resample and bridged):
         words = "export it again, or have curves bridge what is missing"
         raise RecordingError(
@@ -346,7 +361,8 @@ def _in_turn(
     if kept.size == samples.size:
         return samples, ()
     made = grid.resampled((kept - kept[0]) / rate_hz, samples[kept], Kept(signal.lines, kept))
-    return (samples[kept], ()) if made is None else (made.samples, (_resampled(file, signal.name, made),))
+    doubts = _missing(file, signal, kept)
+    return (samples[kept], doubts) if made is None else (made.samples, (_resampled(file, signal.name, made), *doubts))
 
 
 def _on_grid(
@@ -371,9 +387,9 @@ def _on_grid(
         times_s, lines = times_s - times_s[0], Kept(clock.lines, kept)
     made = grid.resampled(times_s, samples, lines) if stated.resample else None
     on = grid.even(times_s, lines, stated) if made is None else made.grid
-    doubts = tuple[Finding, ...]()
+    doubts = _missing(file, signal, kept)
     if made is not None:
-        samples, doubts = made.samples, (_resampled(file, signal.name, made),)
+        samples, doubts = made.samples, (_resampled(file, signal.name, made), *doubts)
     rounded = (_rounded(file, on),) if on.resolution_s else ()
     likely = likely_unit(1 / on.rate_hz, 0.0)
     remedy = stated.remedy(f"if its times are in {likely}, state it", "--time-unit", likely)
@@ -390,6 +406,20 @@ def _resampled(file: str, channel: str, made: grid.Resampled) -> Finding:
     error = f"with an error of some {made.error:.2g} of its rms"
     what = f"{channel} was resampled at {made.grid.rate_hz:.6g} Hz, {error}{gaps}"
     return Finding(what, where=file, remedy="record at a steady rate", verdict="warns", check="resampled")
+
+
+def _missing(file: str, signal: Column, kept: NDArray[np.intp]) -> tuple[Finding, ...]:
+    """Return what is doubtful of samples that are not `kept`: those cut at the ends, and those beyond the range."""
+    begin, end = int(kept[0]), signal.values.size - 1 - int(kept[-1])
+    beyond = np.count_nonzero(np.isinf(signal.values))
+    cut = f"{signal.name} is cut by {begin} samples at its beginning and {end} at its end, where samples are missing"
+    over = f"{signal.name} is beyond its range in {beyond} samples: what bridges them says nothing of their height"
+    told = ((begin or end, cut, "export it again", "ends"), (beyond, over, "record at a lower gain", "clipping"))
+    return tuple(
+        Finding(what, where=file, remedy=remedy, verdict="warns", check=check)
+        for some, what, remedy, check in told
+        if some
+    )
 
 
 def _clipped(file: str, channel: str, samples: NDArray[Any]) -> tuple[Finding, ...]:

@@ -9,10 +9,10 @@ import io
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import chain, islice, pairwise
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Protocol
 
 import numpy as np
@@ -55,10 +55,12 @@ TAIL, LAST_ROWS = 4096, 12
 BESIDE = " beside "
 """Stands between two units of one column that contradict each other: that of its heading, and that below."""
 
-MISSING = frozenset(
-    ("nan", "na", "n/a", "#n/a", "null", "none", "inf", "+inf", "-inf", "infinity", "-infinity", "∞", "+∞", "-∞", "ovf",
-     "overflow", "overload", "overrange", "#num!", "#div/0!")
-)  # fmt: skip
+BEYOND = frozenset(
+    ("inf", "+inf", "-inf", "infinity", "-infinity", "∞", "+∞", "-∞", "ovf", "overflow", "overload", "overrange")
+)
+"""Cells, in small letters, that stand for a sample beyond the range."""
+
+MISSING = BEYOND | {"nan", "na", "n/a", "#n/a", "null", "none", "#num!", "#div/0!"}
 """Cells, in small letters, that stand for a sample that is missing or beyond the range."""
 
 _WHOLE = re.compile(r" *[+-]?[0-9]+ *")
@@ -78,8 +80,8 @@ class Lines(Protocol):
 class Columns:
     """The columns of a text: headings, values, each (n,) and whole where all are, and the lines of rows.
 
-    A value is NaN where its cell is empty or says that it is missing; a column whose last cells are empty ends there,
-    and `short` are line and numbers of the first such row.
+    A value is NaN where its cell is empty or says that it is missing, infinite where it says that it is beyond
+    the range; a column whose last cells are empty ends there, and `short` are line and numbers of the first such row.
 
     Columns at the places `stamped` are dates or times of day, in nanoseconds. `cut` says what makes the last row look
     cut off, and is empty where nothing does. `step` are the name, unit and value of the times' increment, where a line
@@ -150,19 +152,25 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
         values, short = _slow(text, begins, shape, decimal or ".")
     ends = len(begins.cells) - shape.first - shape.width
     headings, lines = _headings(head, shape, values, ends=ends)
-    _refuse_dropped(head, lines, shape, values, stated)
-    stamped = tuple(
-        place
-        for place, column in enumerate(values)
-        if column.dtype.kind == "i" and {int(column[0]), int(column[-1])} <= stamps_ns
-    )
+    stamped = _stamped(values, stamps_ns)
     for place in stamped:
         headings[place] = Heading(headings[place].name, "ns")
+    if not any(map(_is_timed, headings)):
+        _refuse_dropped(head, lines, shape, values, stated)
     names, units = tuple(one.name for one in headings), tuple(one.unit for one in headings)
     understood = Understood(encoding, shape.delimiter, decimal, lines, names, units, begins.line, len(values[0]))
     held = RowLines(text, begins, shape)
     cut, step = _cut(text, shape, decimal), _step(head, shape, decimal)
     return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, begins.start, short)
+
+
+def _stamped(values: Sequence[NDArray[Any]], stamps_ns: Set[int]) -> tuple[int, ...]:
+    """Return the places of columns that begin and end with stamps."""
+    return tuple(
+        place
+        for place, column in enumerate(values)
+        if column.dtype.kind == "i" and {int(column[0]), int(column[-1])} <= stamps_ns
+    )
 
 
 def _in_units(made: Columns, behind: Sequence[str]) -> Columns:
@@ -440,7 +448,7 @@ def _slow(text: str, begins: Record, shape: _Shape, decimal: str) -> tuple[list[
                     allowed="a number in every row",
                     line=record.line,
                 )
-            columns[place].append(value)
+            columns[place].append(value if isfinite(value) or bare.lower() not in BEYOND else inf)
     short = _shortened(columns, empty)
     if not all(columns):
         raise _unreadable()
@@ -544,6 +552,10 @@ def _names_in(raw: str, shape: _Shape) -> list[str]:
     return cells if like and not other and len(cells) > 1 and not _is_remark(cells) else []
 
 
+def _is_timed(one: Heading) -> bool:
+    return is_clock(one.name) or bool(time_unit(one))
+
+
 def _refuse_dropped(
     head: Sequence[tuple[int, str]],
     lines: Sequence[int],
@@ -551,7 +563,7 @@ def _refuse_dropped(
     values: Sequence[NDArray[Any]],
     stated: Stated,
 ) -> None:
-    """Refuse names right above the rows that are more or fewer than the columns: nobody knows which is whose."""
+    """Refuse names right above the rows that are more or fewer than the columns, where no others are for certain."""
     line, raw = head[-1] if head else (0, "")
     aside = stated.rate_hz is not None or (stated.time_column or "").isdecimal()
     if aside or not shape.delimiter or (lines and line <= lines[-1]):

@@ -1,6 +1,7 @@
 """LabVIEW measurement files (.lvm), which name their own separators and are parted by them."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
 
@@ -8,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.recordings.series.clocks import by_one, rises_evenly
+from palpate.experiment.recordings.series.clocks import AGREES, by_one, rises_evenly
 from palpate.experiment.recordings.series.column import Column, Table
 from palpate.experiment.settings.delimited import number
 from palpate.experiment.settings.units import heading, is_clock, time_unit
 
 _TAG = re.compile(r"(?!nan$|inf$|infinity$)[A-Za-z]\w*", re.IGNORECASE)
+
+NO_STEP = 1.0
+"""LabVIEW writes this between samples, s, where it knows no step."""
 
 _Rows = list[tuple[int, list[str]]]
 """Each row's line, from 1, and its cells."""
@@ -42,13 +46,20 @@ def read_lvm(lines: list[str]) -> Table:
     signals, times = found[0]
     split = [heading(signal.name) for signal in signals]
     at = next((place for place, (name, _) in enumerate(split) if is_clock(name)), None)
-    if at is None and times[0] is None and rises_evenly(signals[0]) and not by_one(signals[0].values):
+    nameless = at is None and times[0] is None and rises_evenly(signals[0]) and not by_one(signals[0].values)
+    if nameless and _keeps_steps(signals[0], signals):
         at = 0
     if at is not None and len(signals) > 1:
         # The unit of a channel stands in its tag, but that of a time often in its name alone.
         own = replace(signals.pop(at), name=split[at].name, unit=time_unit(split[at]) or "s")
         times = [own] * len(signals)
     return Table(signals, times, len(found))
+
+
+def _keeps_steps(clock: Column, signals: Sequence[Column]) -> bool:
+    """Return whether times, s, have the steps that their channels state, if any."""
+    step = float(np.median(np.diff(clock.values)))
+    return all(abs(step / one.step - 1) < AGREES for one in signals if one.step > 0 and one.step != NO_STEP)
 
 
 def _header(lines: list[str]) -> tuple[str, str, int]:

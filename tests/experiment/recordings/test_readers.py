@@ -350,6 +350,16 @@ def test_lvm_without_x_column_may_hold_its_times_as_a_channel(tmp_path: Path, na
     assert made.rate_hz == pytest.approx(2000)
 
 
+@pytest.mark.parametrize(("name", "rate_hz", "doubts"), [("Time (s)", 200.0, ["header"]), ("Untitled", 1000.0, [])])
+def test_lvm_times_that_contradict_the_step_are_doubted_and_those_without_a_name_are_none(
+    tmp_path: Path, name: str, rate_hz: float, doubts: list[str]
+) -> None:
+    rows = [f"\t{i / 200:.6f}\t{(-1) ** i}" for i in range(9)]
+    text = lvm(rows, headings=f"X_Value\t{name}\ta\tComment", delta_x="0.001", x_columns="No")
+    made = read(written(tmp_path, text.replace("Y_Unit_Label\tg\tg\r\n", "")), channel="a")
+    assert (round(made.rate_hz, 6), [doubt.check for doubt in made.doubts]) == (rate_hz, doubts)
+
+
 def test_a_rising_signal_with_a_unit_of_its_own_is_not_taken_for_times(tmp_path: Path) -> None:
     rows = [f"\t{i / 2000:.6f}\t{i}" for i in range(9)]
     made = read(written(tmp_path, lvm(rows, headings="X_Value\tUntitled\ta\tComment", x_columns="No")))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.experiment.errors import RecordingError, Remedy
-from palpate.experiment.recordings.readers import read
+from palpate.experiment.recordings.grid import LONGEST_GAP
+from palpate.experiment.recordings.readers import Axes, read
 from palpate.experiment.settings.delimited import Stated
 
 ROWS = 200
@@ -109,7 +110,7 @@ def test_times_with_too_few_digits_ask_for_the_rate(tmp_path: Path) -> None:
         read(path)
 
 
-@pytest.mark.parametrize("cell", ["NaN", "", "∞", "n/a"])
+@pytest.mark.parametrize("cell", ["NaN", "", "∞", "n/a", "overload"])
 def test_samples_that_are_missing_are_bridged_on_request(tmp_path: Path, cell: str) -> None:
     path = _file(tmp_path, "time_s,acc_g,force_n\n", "{s:.4f},{a},{a}")
     lines = path.read_text("utf-8").splitlines()
@@ -121,3 +122,34 @@ def test_samples_that_are_missing_are_bridged_on_request(tmp_path: Path, cell: s
     made = read(path, stated=Stated(resample=True))
     np.testing.assert_allclose(made.samples, SIGNAL, atol=0.01)
     assert read(path, channel="force_n").samples.size == ROWS
+    over = [doubt.check for doubt in made.doubts if doubt.check != "resampled"]
+    assert over == (["clipping"] if cell in {"∞", "overload"} else [])
+
+
+def _with_missing_ends(tmp_path: Path, missing: int) -> Path:
+    """A text of three axes: the first of them begins later, the others end earlier."""
+    path = tmp_path / "axes.csv"
+    late = {"x": range(missing), "y": range(ROWS - missing, ROWS), "z": range(ROWS - missing, ROWS)}
+    rows = [[("NaN" if k in late[axis] else f"{a}") for axis in late] for k, a in enumerate(SIGNAL)]
+    path.write_text("t (s),x (g),y (g),z (g)\n" + "".join(f"{k / 1000},{','.join(r)}\n" for k, r in enumerate(rows)))
+    return path
+
+
+@pytest.mark.parametrize("rate_hz", [None, 1000.0])
+def test_samples_missing_at_the_ends_are_cut_from_all_axes_alike_and_counted(
+    tmp_path: Path, rate_hz: float | None
+) -> None:
+    path, stated = _with_missing_ends(tmp_path, 5), Stated(resample=True, rate_hz=rate_hz)
+    made = read(path, axes=Axes(("x", "y", "z"), "norm"), stated=stated)
+    common = np.array(SIGNAL[5:-5])
+    np.testing.assert_allclose(made.samples, np.sqrt(3) * np.abs(common - common.mean()))
+    assert [doubt.check for doubt in made.doubts] == ["ends"] * 3
+    alone = read(path, channel="y", stated=stated)
+    assert (alone.samples.tolist(), [doubt.check for doubt in alone.doubts]) == (SIGNAL[:-5], ["ends"])
+
+
+def test_more_samples_missing_at_an_end_than_a_curve_would_bridge_are_refused(tmp_path: Path) -> None:
+    path = _with_missing_ends(tmp_path, LONGEST_GAP + 1)
+    for axis in "xy":
+        with pytest.raises(RecordingError):
+            read(path, channel=axis, stated=Stated(resample=True))

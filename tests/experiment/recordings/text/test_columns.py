@@ -163,6 +163,15 @@ def test_a_setting_above_units_is_no_name(tmp_path: Path) -> None:
     assert (made.samples.tolist(), made.channels, made.unit) == (SAMPLES, ("column 2",), "g")
 
 
+@pytest.mark.parametrize(
+    "remark", ["# sensor (PCB 352C33), range (50 g)", "# Start time: noon, subject AB", "# t (s), a (g)"]
+)
+def test_a_remark_between_headings_and_rows_is_no_heading(tmp_path: Path, remark: str) -> None:
+    heading = f"time (s),a (g),b (g)\n{remark}\n"
+    made = read(_file(tmp_path, heading, lambda i, a: f"{i / 1000:.3f},{a:.4f},{2 * a:.4f}"), channel="b")
+    assert (made.channels, made.samples.tolist(), made.unit) == (("a", "b"), [2 * a for a in SAMPLES], "g")
+
+
 def test_a_rate_is_above_zero() -> None:
     for rate in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(PalpateError, match="--rate"):
