@@ -15,6 +15,7 @@ from palpate.analysis.audit.audit import audit
 from palpate.analysis.published import paper
 from palpate.analysis.published.paper import Stated
 from palpate.experiment.errors import PublishedError
+from palpate.experiment.settings import delimited
 from tests.approved import anywhere
 
 
@@ -210,6 +211,14 @@ def test_decimal_commas_of_a_page_are_read(tmp_path: Path, decimal: str) -> None
     page = "<table><tr><th>name<th>t<th>df<th>p<th>F(3,68)<tr><td>ease<td>2.50<td>11<td>0.0296</table>"
     (test,) = _read(tmp_path, page.replace(".", decimal), Stated()).printed.tests
     assert (test.t.text, test.p.text if test.p else "") == ("2.50", "0.0296")
+
+
+def test_a_stated_decimal_comma_of_a_page_is_taken_where_it_may_part_thousands(tmp_path: Path) -> None:
+    page = "<table><tr><th>name<th>t<th>df<th>p<tr><td>ease<td>2,512<td>11<td>1</table>"
+    with pytest.raises(PublishedError):
+        _read(tmp_path, page, Stated())
+    (test,) = _read(tmp_path, page, Stated(file=delimited.Stated(decimal=","))).printed.tests
+    assert (test.t.text, test.df) == ("2.512", 11)
 
 
 @pytest.mark.parametrize("name", ["paper.html", "tables.csv"])
