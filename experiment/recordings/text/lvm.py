@@ -12,7 +12,7 @@ from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.series.clocks import AGREES, by_one, rises_evenly
 from palpate.experiment.recordings.series.column import Column, Table
 from palpate.experiment.settings.delimited import number
-from palpate.experiment.settings.units import heading, is_clock, time_unit
+from palpate.experiment.settings.units import SECONDS, heading, is_clock, time_unit
 
 _TAG = re.compile(r"(?!nan$|inf$|infinity$)[A-Za-z]\w*", re.IGNORECASE)
 
@@ -47,19 +47,20 @@ def read_lvm(lines: list[str]) -> Table:
     split = [heading(signal.name) for signal in signals]
     at = next((place for place, (name, _) in enumerate(split) if is_clock(name)), None)
     nameless = at is None and times[0] is None and rises_evenly(signals[0]) and not by_one(signals[0].values)
-    if nameless and _keeps_steps(signals[0], signals):
+    if unit := _unit_of_steps(signals[0], signals) if nameless else "":
         at = 0
     if at is not None and len(signals) > 1:
         # The unit of a channel stands in its tag, but that of a time often in its name alone.
-        own = replace(signals.pop(at), name=split[at].name, unit=time_unit(split[at]) or "s")
+        own = replace(signals.pop(at), name=split[at].name, unit=time_unit(split[at]) or unit or "s")
         times = [own] * len(signals)
     return Table(signals, times, len(found))
 
 
-def _keeps_steps(clock: Column, signals: Sequence[Column]) -> bool:
-    """Return whether times, s, have the steps that their channels state, if any."""
-    step = float(np.median(np.diff(clock.values)))
-    return all(abs(step / one.step - 1) < AGREES for one in signals if one.step > 0 and one.step != NO_STEP)
+def _unit_of_steps(clock: Column, signals: Sequence[Column]) -> str:
+    """Return the first unit in which times have the steps that channels state, s where none does; empty for none."""
+    step = float(np.diff(clock.values).mean())
+    steps_s = [one.step for one in signals if one.step > 0 and one.step != NO_STEP]
+    return next((unit for unit, s in SECONDS.items() if all(abs(step * s / one - 1) < AGREES for one in steps_s)), "")
 
 
 def _header(lines: list[str]) -> tuple[str, str, int]:

@@ -350,14 +350,22 @@ def test_lvm_without_x_column_may_hold_its_times_as_a_channel(tmp_path: Path, na
     assert made.rate_hz == pytest.approx(2000)
 
 
-@pytest.mark.parametrize(("name", "rate_hz", "doubts"), [("Time (s)", 200.0, ["header"]), ("Untitled", 1000.0, [])])
+@pytest.mark.parametrize(
+    ("name", "step", "rate_hz", "channels", "doubts"),
+    [
+        ("Time (s)", 0.005, 200.0, ("a",), ["header"]),
+        ("Untitled", 0.005, 2000.0, ("Untitled", "a"), []),
+        ("Untitled", 0.5, 2000.0, ("a",), []),
+    ],
+)
 def test_lvm_times_that_contradict_the_step_are_doubted_and_those_without_a_name_are_none(
-    tmp_path: Path, name: str, rate_hz: float, doubts: list[str]
+    tmp_path: Path, name: str, step: float, rate_hz: float, channels: tuple[str, ...], doubts: list[str]
 ) -> None:
-    rows = [f"\t{i / 200:.6f}\t{(-1) ** i}" for i in range(9)]
-    text = lvm(rows, headings=f"X_Value\t{name}\ta\tComment", delta_x="0.001", x_columns="No")
+    rows = [f"\t{i * step + 0.5:.6f}\t{(-1) ** i}" for i in range(9)]
+    text = lvm(rows, headings=f"X_Value\t{name}\ta\tComment", delta_x="0.0005", x_columns="No")
     made = read(written(tmp_path, text.replace("Y_Unit_Label\tg\tg\r\n", "")), channel="a")
-    assert (round(made.rate_hz, 6), [doubt.check for doubt in made.doubts]) == (rate_hz, doubts)
+    assert (round(made.rate_hz, 6), made.channels) == (rate_hz, channels)
+    assert [doubt.check for doubt in made.doubts] == doubts
 
 
 def test_a_rising_signal_with_a_unit_of_its_own_is_not_taken_for_times(tmp_path: Path) -> None:
