@@ -132,20 +132,19 @@ def write_foot(root: Path, path: Path, contents: Contents, parts: Iterable[bytes
 
     Between steps it is n/a. A device's clock that drifts leaves a place empty now and then, or has two frames in one.
     """
-    header = contents.header
-    rig = rigs.session_rig(storage.rig_path(path), header.rig_sha256)
-    tracker = tracker_of(rig)
+    header, steps = contents.header, placed_steps(path, contents)
+    if not steps:
+        return
+    tracker = tracker_of(rigs.session_rig(storage.rig_path(path), header.rig_sha256))
     rate_hz = tracker.rate_hz
     places: list[NDArray[np.float64]] = []
     read_mm: list[NDArray[np.float64]] = []
-    for placed, part in zip(placed_steps(path, contents), parts, strict=True):
+    for placed, part in zip(steps, parts, strict=True):
         _, decoded = frames.Decoder(near_us=int(placed.at_us), readings=tracker.readings).feed(part)
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
         heights_mm, along_mm = tracker.height_mm(decoded.counts), tracker.along_mm(decoded.along)
         read_mm.append(np.column_stack([heights_mm - placed.zero_mm, *([] if along_mm is None else [along_mm])]))
-    if not places:
-        return
     traces.write(
         root,
         header,
