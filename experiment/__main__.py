@@ -48,6 +48,8 @@ def main() -> None:
         # pandas would import what it can, a tenth of a second, and nothing here is computed by either.
         for absent in ("pyarrow", "numexpr"):
             sys.modules.setdefault(absent, None)  # type: ignore[arg-type]
+        # Little of what modules and tables hold ever becomes garbage, and searching it takes time.
+        gc.set_threshold(20_000)
         # The system frees what is left at once; searching it for garbage takes a tenth of a second.
         atexit.register(gc.freeze)
         if sys.stdout is not None and sys.argv[1:] in OVERVIEWS and "_PALPATE_COMPLETE" not in os.environ:

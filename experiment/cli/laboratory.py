@@ -409,9 +409,6 @@ def rehearse(
     file = protocol_file or files.shipped("okamoto2012.toml")
     protocol = files.load(file)
     at_once = jobs != 1 and not real_time
-    if at_once:
-        # Little of what the modules and tables hold ever becomes garbage, and searching it takes time.
-        gc.set_threshold(20_000)
     from palpate.experiment.cli.analysis.analyst import analyst
     from palpate.experiment.desk.interrupts import deferred
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.checks import Dataset, Each, load_sound
 from palpate.experiment.errors import DatasetError
@@ -21,7 +20,9 @@ from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records import entries, journal, software
 from palpate.experiment.records.events import NO_ANSWER
-from palpate.experiment.records.stimulus import Stimulus
+
+if TYPE_CHECKING:
+    from palpate.experiment.records.stimulus import Stimulus
 
 ORIGINS: dict[entries.Purpose, bids.Origin] = {
     "STUDY": "PARTICIPANT",
@@ -99,8 +100,9 @@ def session_table(
 def touched(protocol: Protocol, path: Path, contents: journal.Contents, *, shared: bool = False) -> dict[str, object]:
     """Return what the skin touched in a session, for its sidecar: the rig's contactor, and what was asked of it."""
     rig_file, found = storage.rig_path(path), dict[str, object]()
-    if rig_file.exists() and (part := rigs.load(rig_file).contactor) is not None:
-        found["Contactor"] = part.model_dump(exclude_none=True)
+    if rig_file.exists():
+        part = import_module("palpate.experiment.apparatus.rig").load(rig_file).contactor
+        found |= {} if part is None else {"Contactor": part.model_dump(exclude_none=True)}
     if getattr(protocol, "asked", None) is not None:
         phenotype = import_module("palpate.experiment.dataset.phenotype")
         found |= phenotype.touched(protocol, contents, shared=shared)
