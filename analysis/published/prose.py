@@ -143,10 +143,10 @@ def reported_tests(text: str) -> Prose:
     """Return the tests in the sentences of a text."""
     even = _even(text)
     taken = bytearray(len(even))
-    found, unclear = _followed(_found(_TESTS, even, taken), even)
+    found, unclear = _followed(_matching(_TESTS, even, taken), even)
     for match, _ in (*found, *unclear):
         _take(match.span(), taken)
-    found += _found(_REVERSED, even, taken)
+    found += _matching(_REVERSED, even, taken)
     taken = bytearray(len(even))
     for match, _ in found:
         _take(match.span(), taken)
@@ -154,7 +154,7 @@ def reported_tests(text: str) -> Prose:
     return Prose(tuple(one for _, one in found[:MOST_TESTS]), _unchecked(even, taken))
 
 
-def _found(patterns: Iterable[tuple[Statistic, re.Pattern[str]]], even: str, taken: bytearray) -> list[_Match]:
+def _matching(patterns: Iterable[tuple[Statistic, re.Pattern[str]]], even: str, taken: bytearray) -> list[_Match]:
     return [
         (match, one)
         for name, pattern in patterns
