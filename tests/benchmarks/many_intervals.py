@@ -15,7 +15,7 @@ from scipy.special import betaincinv, expit, logit, stdtrit
 
 from palpate.analysis.statistics.exact import Floats, Integers
 from palpate.analysis.statistics.inference import CONFIDENCE
-from palpate.analysis.statistics.shares import EDGE, LINKED, STEPS
+from palpate.analysis.statistics.shares import EDGE, LINKED
 
 ANGLES, ROOTS = 400, 48
 FLAT = -1e5
@@ -25,6 +25,9 @@ CHUNK, BLOCK = 1000, 32
 """Studies whose splines, and whose densities, are held at once."""
 
 HALVINGS = 50
+
+STEPS = np.arange(-30.0, 30.0, 0.1)
+"""Logarithms of the points of Imhof's integral: all of them, for up to 100 participants."""
 
 Ends = tuple[Floats, Floats]
 """Low and high ends, shape (studies,)."""
