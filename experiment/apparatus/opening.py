@@ -173,13 +173,12 @@ def open_pedal(rig: Rig, *, port: str | None = None) -> Pedal | None:
 
     Raises `RigError` for one that exists in simulation alone, and `PedalError`.
     """
-    from palpate.experiment.apparatus.tracker import pedal
-
     if rig.pedal is None:
         return None
     if port is None and rig.pedal.port == REHEARSAL:
         raise RigError.at(simulated_only(rig, "pedal.port"))
-    return pedal.Pedal(port or rig.pedal.port, rig.pedal.baud)
+    pedal = import_module("palpate.experiment.apparatus.tracker.pedal").Pedal
+    return cast("Pedal", pedal(port or rig.pedal.port, rig.pedal.baud))
 
 
 def open_buttons(
@@ -233,11 +232,10 @@ def open_actuator(
 
     condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive, louder_db=louder_db)
     if where is not None:
-        from palpate.experiment.apparatus.panel.pcm import PcmActuator
-
-        server = PcmActuator(where, condition, rate_hz=settings.rate_hz, clock=clock)
+        pcm = import_module("palpate.experiment.apparatus.panel.pcm").PcmActuator
+        server = pcm(where, condition, rate_hz=settings.rate_hz, clock=clock)
         server.reach()
-        return server
+        return cast("Actuator", server)
     from palpate.experiment.apparatus.audio.actuator import AudioActuator
 
     if stream is None:

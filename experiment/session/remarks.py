@@ -6,6 +6,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -279,8 +280,7 @@ def record_incident(
     if header.purpose not in ("STUDY", "PILOT"):
         text = f"{told.sort.capitalize()}: {told.text} Done: {told.done}"
         return entries.Note(trial=told.trial, text=text), "It is noted; practice has no roster."
-    from palpate.experiment.study.people import incidents
-
+    incidents = import_module("palpate.experiment.study.people.incidents")
     try:
         made = incidents.report(protocol, dataset, told.sort, what=told.text, done=told.done)
     except RosterError as refused:
