@@ -26,6 +26,9 @@ had 19,344 and 13,912 lines when this second and last step was taken."""
 WING = 4_500
 """The most lines of a wing."""
 
+PAGES = "palpate/guide"
+"""The site's own pages."""
+
 SHOWN = 8
 """So many places say where a figure is too large; the rest are one `python -m tests.figures NAME` away."""
 
@@ -61,6 +64,7 @@ def figures(sources: tuple[Source, ...]) -> tuple[Figure, ...]:
 def _all_figures(sources: tuple[Source, ...]) -> tuple[Figure, ...]:
     return (
         *_room_figures(),
+        *_page_figures(),
         *_import_figures(sources),
         _count("functions of grade D or worse", sources, patterns.complex_functions, 10),
         _figure("parameters never varied", (each.place for each in parameters.unvaried_parameters(sources)), 27),
@@ -76,6 +80,15 @@ def _room_figures() -> Iterator[Figure]:
     inner = [room for room in largest if room not in FOLDERS]
     yield from (Figure(f"entries of {folder}/", rooms[folder], 17) for folder in FOLDERS)
     yield Figure("entries of the largest room", rooms[inner[0]], 12, tuple(f"{r}: {rooms[r]}" for r in inner[:5]))
+
+
+def _page_figures() -> Iterator[Figure]:
+    words = {True: 0, False: 0}
+    for path in tracked_files():
+        if path.suffix == ".md":
+            words[path.is_relative_to(PAGES)] += len((REPOSITORY / path).read_text("utf-8").split())
+    yield Figure("words of Markdown beside the site's own pages", words[False], 33_000)
+    yield Figure("words of the site's own pages", words[True], 12_000)
 
 
 def _import_figures(sources: Iterable[Source]) -> Iterator[Figure]:

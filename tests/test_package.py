@@ -211,7 +211,8 @@ def named_files(source: str) -> set[str]:
     helps = {id(node.body[0]) for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.decorator_list}
     quiet = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr) and id(node) not in helps}
     texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in quiet]
-    file = r"\b(?:experiment|analysis|tests|protocols|participants)/[\w./-]+\.(?:md|toml|csv)\b(?!` of its repository)"
+    rooms = r"(?:experiment|analysis|tests|protocols|participants|palpate/guide)"
+    file = rf"\b{rooms}/[\w./-]+\.(?:md|toml|csv)\b(?!` of its repository)"
     return {name for text in texts if isinstance(text, str) for name in re.findall(file, text)}
 
 

@@ -11,6 +11,12 @@ from palpate.experiment.errors import PalpateError
 commands = options.room()
 
 GUIDES = {
+    "footsteps": ("palpate/guide/footstep.md", "tutorial: a footstep study in ten minutes"),
+    "taps": ("palpate/guide/tapping.md", "tutorial: a tapping study in ten minutes"),
+    "stimuli": ("palpate/guide/presented.md", "tutorial: a study of presented stimuli in ten minutes"),
+    "questions": ("palpate/guide/questions.md", "24 questions, answered"),
+    "limits": ("palpate/guide/limits.md", "what palpate does not do"),
+    "coming": ("palpate/guide/coming.md", "coming from PsychoPy, jsPsych or OpenSesame"),
     "studies": ("protocols/README.md", "protocols, boards, visits, practice: a study step by step"),
     "examples": ("protocols/studies.md", "what the shipped studies answer"),
     "keys": ("protocols/keys.md", "every key of a protocol and a rig"),
@@ -23,7 +29,7 @@ GUIDES = {
 """For each guide, in the order of a study: its file in the repository, and what it is about."""
 
 ROOT = Path(__file__).parents[2]
-"""The checkout, or the package that a wheel installs: with the same folders, but for `protocols`."""
+"""The checkout, or the package that a wheel installs: with the same folders, but for `protocols` and `palpate`."""
 
 
 def guide(name: str) -> Path:
@@ -33,7 +39,8 @@ def guide(name: str) -> Path:
             "palpate docs", f"got '{name}'", "run `palpate docs` for a list of them", allowed=", ".join(GUIDES)
         )
     told, _ = GUIDES[name]
-    for file in (ROOT / told, ROOT / told.replace("protocols/", "experiment/shipped/")):
+    shipped = told.removeprefix("palpate/").replace("protocols/", "experiment/shipped/")
+    for file in (ROOT / told, ROOT / shipped):
         if file.is_file():
             return file
     raise PalpateError(ROOT / told, "the guide was not found", "install palpate again")
