@@ -1,6 +1,6 @@
 """palpate runs vibrotactile psychophysics experiments, from protocol file to published tables.
 
-A trial flows one way through the rooms (layers in `pyproject.toml`). `README.md` names every module; `decisions.md`
+A trial flows one way through the rooms (layers in `pyproject.toml`). `README.md` follows a trial; `decisions.md`
 gives the reasons. Importing this brings in nothing heavy.
 """
 

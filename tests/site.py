@@ -38,7 +38,7 @@ SETTINGS = {
     "project": "palpate",
     "html_title": f"palpate {__version__}",
     "root_doc": f"{PAGES}/index",
-    "include_patterns": [f"{PAGES}/**", *OTHERS, *(file for file, _ in docs.GUIDES.values())],
+    "include_patterns": [f"{PAGES}/*.md", *OTHERS, *(file for file, _ in docs.GUIDES.values())],
     "extensions": ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"],
     "myst_heading_anchors": 4,
     "myst_enable_extensions": ["attrs_inline", "attrs_block"],
