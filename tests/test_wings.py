@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
+from importlib.util import cache_from_source
 from pathlib import Path
 
 import pytest
@@ -35,13 +36,17 @@ REFUSED = {
 
 
 def copied(folder: Path, wings: Iterable[str]) -> Path:
-    """Copy the source into a folder, without these wings."""
+    """Copy the source into a folder, without these wings, and with what Python has compiled of it."""
     rooms = [room for wing in wings for room in WINGS[wing]]
     for file in tracked_files("experiment", "analysis", "palpate", "protocols"):
         name = file.as_posix()
         if not (is_inside(name, rooms) or name in ("palpate/analysis", "palpate/experiment")):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(REPOSITORY / name, folder / name)
+            shutil.copy2(REPOSITORY / name, folder / name)
+            compiled, copy = (Path(cache_from_source(str(root / name))) for root in (REPOSITORY, folder))
+            if compiled.exists():
+                copy.parent.mkdir(exist_ok=True)
+                shutil.copyfile(compiled, copy)
     return folder
 
 
