@@ -22,6 +22,9 @@ from palpate.experiment.synthesis.noticing import THIRDS_HZ
 
 DICTIONARY, HEARD = "data_dictionary.csv", "heard.csv"
 OF_ATTEMPTS = ("dataset", "participant", "task", "trial", "attempt", "counted", "included")
+PRESENTED = ("presented", "first", "second")
+"""Columns that name a material of a trial."""
+
 THIRDS = ("sent_thirds", "heard_thirds")
 
 
@@ -60,7 +63,20 @@ def files(study: Study) -> dict[str, bytes]:
         columns[HEARD] = {name: columns["trials.csv"][name] for name in OF_ATTEMPTS} | _of_heard()
     for name, described in further.items():
         columns[name] |= described
+    columns["trials.csv"] |= _with_factors(study, frames["trials.csv"])
     return _written(study, frames, columns)
+
+
+def _with_factors(study: Study, trials: pd.DataFrame) -> dict[str, tuple[str, str]]:
+    """Add to a table of trials the value of each factor of each stimulus, and return what these columns are."""
+    described: dict[str, tuple[str, str]] = {}
+    factors = dict.fromkeys(name for values in study.factors.values() for name in values)
+    for place in (one for one in PRESENTED if one in trials and trials[one].isin(study.factors).any()):
+        for name in factors:
+            values = {material: of[name] for material, of in study.factors.items()}
+            trials[f"{place}_{name}"] = trials[place].map(values)
+            described[f"{place}_{name}"] = (f"factor {name} of the material in the column {place}", "number")
+    return described
 
 
 def _of_heard() -> dict[str, tuple[str, str]]:

@@ -4,8 +4,9 @@ Values, and what being first adds, are normal among participants. Scales and err
 steps and order are tested by Student's t on n - 1 df, as in `comparison.results`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,6 +22,7 @@ from palpate.analysis.reading import dataset
 from palpate.analysis.statistics.exact import Floats, Integers
 from palpate.analysis.statistics.scaling import FIRST, SECOND, no_smaller
 from palpate.experiment.errors import PowerError
+from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
 from palpate.experiment.settings.load import Confined, Label, Name, Text
@@ -44,13 +46,17 @@ MEAN = (
 
 @dataclass(frozen=True)
 class Observers:
-    """Observers in one task: values in logits, shape (M,), what being first adds, and SDs among participants."""
+    """Observers in one task: values in logits, shape (M,), what being first adds, and SDs among participants.
+
+    `ranks` are the places of the materials from the least to the most, if that is not the order of the file.
+    """
 
     task: str
     values: Floats
     order: float
     spread: float
     order_spread: float
+    ranks: tuple[int, ...] = ()
 
 
 VALUES = Column("task", left=True), Column("material", left=True), Column("value"), Column("spread", "SD")
@@ -127,6 +133,11 @@ def planned_tasks(protocol: Protocol) -> tuple[list[str], list[str]]:
     return [task.id for task in protocol.tasks if task.id in planned], [one.id for one in protocol.materials]
 
 
+def ranked(protocol: Protocol, values: Floats) -> tuple[int, ...]:
+    """Return the places of materials from least to most by their `values`, where the protocol has no order."""
+    return () if protocol.table(Comparison).ordered else tuple(np.argsort(values, kind="stable").tolist())
+
+
 def stated(file: Path, protocol: Protocol) -> PairModel:
     """Return the model of a TOML file."""
     tasks, ids = planned_tasks(protocol)
@@ -143,7 +154,8 @@ def stated(file: Path, protocol: Protocol) -> PairModel:
             )
         values = {one.material: one.value for one in given}
         at = np.array([values[name] for name in ids])
-        observers.append(Observers(task, at - at.mean(), stated.order, stated.spread, stated.order_spread))
+        ranks = ranked(protocol, at)
+        observers.append(Observers(task, at - at.mean(), stated.order, stated.spread, stated.order_spread, ranks))
     return PairModel(f"stated in {file.name}: {stated.source}", tuple(observers))
 
 
@@ -168,7 +180,7 @@ def from_print(printed: Published, protocol: Protocol) -> PairModel:
         if not np.isfinite(values).all():
             where = f"the percentages of {printed.study}, task {task}"
             raise PowerError(f"{where}: got no finite scale; state one in a TOML file")
-        observers.append(Observers(task, values, 0.0, SPREAD, SPREAD))
+        observers.append(Observers(task, values, 0.0, SPREAD, SPREAD, ranked(protocol, values)))
     note = f"no paper prints how much participants differ: the spread is ours, {SPREAD:g} logits"
     where = " and ".join(dict.fromkeys(blocks[task].where for task in tasks))
     return PairModel(f"percentages of {where} of {printed.source}", tuple(observers), (note,))
@@ -200,7 +212,8 @@ def fitted(folder: Path, protocol: Protocol) -> PairModel:
             )
         beyond = len(people) * (np.diagonal(found.covariance[0]) - np.diagonal(found.alike[0]))
         spread, order_spread = np.sqrt(np.clip([beyond[:-1].mean(), beyond[-1]], 0.0, None)).tolist()
-        observers.append(Observers(task, found.values[0], float(found.order[0]), spread, order_spread))
+        ranks = ranked(protocol, found.values[0])
+        observers.append(Observers(task, found.values[0], float(found.order[0]), spread, order_spread, ranks))
     label = f" ({study.label})" if study.label else ""
     return PairModel(f"fitted to the answers in {folder.name}{label}", tuple(observers), (MEAN,), study.label)
 
@@ -307,22 +320,24 @@ def answers(
         fitted = finite(draw(models[task.id], trials, people, studies, random), trials.astype(np.float64))
         for number, test in enumerate(planned.tests):
             if test.test == PLANNED and task.id in test.tasks:
-                for subject, p in _tested(fitted, planned.materials, people):
+                for subject, p in _tested(fitted, planned.materials, models[task.id].ranks, people):
                     found[Question(number, test.test, (task.id,), subject, test.alpha)] = Answer(p=p)
     return found
 
 
-def _tested(found: Scales, materials: tuple[str, ...], people: int) -> Iterator[tuple[str, Floats]]:
-    """Yield P of every step, of all together being shown in order, and of what being first adds."""
+def _tested(
+    found: Scales, materials: tuple[str, ...], ranks: Sequence[int], people: int
+) -> Iterator[tuple[str, Floats]]:
+    """Yield P of every step, of all together being shown in the order of `ranks`, and of what being first adds."""
     none = np.full(len(found.order), np.nan)
     every = np.where(np.isnan(found.order) | (people < 2), np.nan, 0.0)
-    for above in range(1, len(materials)):
+    for below, above in pairwise(ranks or range(len(materials))):
         contrast = np.zeros(len(materials) + 1)
-        contrast[above], contrast[above - 1] = 1.0, -1.0
-        gap = found.values[:, above] - found.values[:, above - 1]
+        contrast[above], contrast[below] = 1.0, -1.0
+        gap = found.values[:, above] - found.values[:, below]
         p = _p(gap, np.einsum("k,skl,l->s", contrast, found.covariance, contrast), people) if people > 1 else none
         every = np.maximum(every, np.where(gap < 0, 1.0, p))
-        yield f"{materials[above - 1]} to {materials[above]}", p
+        yield f"{materials[below]} to {materials[above]}", p
     yield "every step, in order", every
     yield "being first", _p(found.order, found.covariance[:, -1, -1], people) if people > 1 else none
 

@@ -275,6 +275,13 @@ class Study:
         (found,) = {one.name for one in self.designs.values()}
         return found
 
+    @property
+    def factors(self) -> Mapping[str, Mapping[str, float]]:
+        """The values of each material that is made of factors, by their ids; nothing where protocols differ in them."""
+        crossed = import_module("palpate.experiment.protocol.designs.factors").crossed
+        found = [crossed(part.protocol) for part in self.parts if part.protocol]
+        return found[0] if found and all(one == found[0] for one in found) else {}
+
     def trials(self, task: str) -> pd.DataFrame:
         """Return the trials of one task that the analysis counts."""
         return self.attempts[self.attempts["included"] & (self.attempts["task"] == task)]

@@ -33,7 +33,6 @@ TURN_S = 5.0
 _left: ContextVar[frozenset[int]] = ContextVar("_left", default=frozenset())
 """The cores that the session leaves to others; none where it keeps to no core."""
 
-
 _waits_for_others = True
 
 

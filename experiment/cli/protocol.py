@@ -56,6 +56,12 @@ def new(
         ),
     ] = None,
     full_scale: Annotated[float, typer.Option("--full-scale", help="Its acceleration at full scale, m/s^2.")] = 10.0,
+    factors: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--factor", metavar="ID=NUMBER,NUMBER,...", help="Values of a factor of a copied study; to be repeated."
+        ),
+    ] = None,
     study_id: Annotated[
         str | None, typer.Option("--id", help="Id of the study: up to 32 lower-case letters and digits.")
     ] = None,
@@ -110,11 +116,13 @@ def new(
     default = stem if re.match("[a-z]", stem) else writing.NewStudy.id
     study_id = _answered("Id of the study, which names its files", default, study_id, ask, named)
     like = _model(like, kind, design, ask)
-    changed = models.Changes(participants, answers, models.recordings(recordings or ()), full_scale)
+    changed = models.Changes(
+        participants, answers, models.recordings(recordings or ()), full_scale, models.values(factors)
+    )
     if like:
         text = _a_copy(like, study_id, title, changed, ask, of_questions=(materials, tasks, repetitions))
-    elif answers or recordings:
-        got, allowed = "got --answers or --recording for footsteps", "a copy: --like, or --kind presented"
+    elif answers or recordings or factors:
+        got, allowed = "got --answers, --recording or --factor for footsteps", "a copy: --like, or --kind presented"
         raise PalpateError(got, remedy="leave them out", allowed=allowed)
     else:
         given = [None if one is None else str(one) for one in (participants, repetitions)]
@@ -169,7 +177,7 @@ def _a_copy(
 
     if any(one is not None for one in of_questions):
         got, remedy = "got --material, --tasks or --repetitions for a copy", "change anything else in the copy"
-        allowed = "--id, --title, --participants, --answers and --recording"
+        allowed = "--id, --title, --participants, --answers, --recording and --factor"
         raise PalpateError(got, remedy=remedy, allowed=allowed)
 
     def of_people(typed: str) -> "Changes":
@@ -507,9 +515,11 @@ def schema(
         return
     from palpate.experiment.apparatus.rig import Rig
     from palpate.experiment.protocol import files
+    from palpate.experiment.protocol.designs import factors
     from palpate.experiment.settings.schema import schema as described
 
-    made = described(files.ProtocolFile if of == "protocol" else Rig, f"{of} file of palpate")
+    made = described(Rig if of == "rig" else files.ProtocolFile, f"{of} file of palpate")
+    made = made if of == "rig" else factors.relaxed(made)
     if out is None:
         options.put(made)
         return

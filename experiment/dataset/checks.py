@@ -33,7 +33,6 @@ from palpate.experiment.study.schedule import allocate, allocated
 FARTHEST_EAST, FARTHEST_WEST = timedelta(hours=14), timedelta(hours=-12)
 """The day of a session's beginning is at most this much ahead of UTC, and behind it, wherever it was run."""
 
-
 Each = Callable[[Callable[[Path], Any], Iterable[Path]], Iterable[Any]]
 """Calls a function with each path, and gives what it returns."""
 

@@ -14,7 +14,6 @@ from contextlib import contextmanager
 PATIENCE_S = 5.0
 """A key pressed again so long after the first is raised at once, s: what it waits for may never end."""
 
-
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """What interrupts a session, Ctrl-C first."""
 

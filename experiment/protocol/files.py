@@ -32,23 +32,23 @@ def _tables() -> dict[str, Any]:
     }
 
 
-def _asked_table() -> tuple[Any, Any]:
-    """Return the field of the table of what participants are asked beside the trials."""
-    table = import_module("palpate.experiment.protocol.asked").Asked
-    return table | None, Field(None, json_schema_extra={"since": 7})
-
-
 def _docstring() -> str:
     """Return what a protocol is, with what each table of `_tables` is for."""
     return (
         (Protocol.__doc__ or "").rstrip()
         + "".join(f"\n        {name}: what trials of `{name}` need, in a study of these." for name in _tables())
         + "\n        asked: what participants are asked beside the trials."
+        + "\n        factors: what stimuli differ in, crossed."
     )
 
 
+_LATER: dict[str, Any] = {
+    "asked": (import_module(f"{__package__}.asked").Asked | None, Field(None, json_schema_extra={"since": 7})),
+    "factors": (import_module(f"{__package__}.designs.factors").Factors, Field((), json_schema_extra={"since": 7})),
+}
+
 ProtocolFile = create_model(
-    "ProtocolFile", __base__=Protocol, __module__=__name__, __doc__=_docstring(), **_tables(), asked=_asked_table()
+    "ProtocolFile", __base__=Protocol, __module__=__name__, __doc__=_docstring(), **_tables(), **_LATER
 )
 """A whole study with the tables of every kind and design, of which a file has those of its own."""
 

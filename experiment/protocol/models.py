@@ -25,7 +25,6 @@ from palpate.experiment.storage import Place
 OLDER = (2, 3)
 """Formats in which the design was a part of the kind; `older` reads them."""
 
-
 ASKING = 7
 """The first format in which a design asks its own question."""
 
@@ -578,11 +577,17 @@ class Protocol(Confined):
 
     @classmethod
     def renewed(cls, document: Mapping[str, Any]) -> Mapping[str, Any]:
-        return older().renewed(document) if document.get("format") in OLDER else document
+        return module.renewed(document) if (module := written_as(document)) else document
 
     @classmethod
     def stated(cls, place: Place, document: Mapping[str, Any]) -> Place:
-        return older().stated(place) if document.get("format") in OLDER else place
+        return module.stated(place, document) if (module := written_as(document)) else place
+
+
+def written_as(document: Mapping[str, Any]) -> Any:
+    """Return the module that reads a file of an older format, or one with factors; None for any other."""
+    factors = "palpate.experiment.protocol.designs.factors"
+    return older() if document.get("format") in OLDER else document.get("factors") and import_module(factors)
 
 
 def older() -> Any:

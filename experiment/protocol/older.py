@@ -51,7 +51,7 @@ def _without_rings(material: Any) -> Any:
     return {key: value for key, value in material.items() if key not in RINGS}
 
 
-def stated(place: Place) -> Place:
+def stated(place: Place, _: Table) -> Place:
     """Return where a document of an older format states what stands at `place` of the renewed one."""
     match place:
         case ("tapping", "surfaces", int(i), "material"):

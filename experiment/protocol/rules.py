@@ -36,9 +36,11 @@ MAX_COUNTED = 400
 EARLIEST = date(1950, 1, 1)
 """No approval is older: ours; ethics boards are younger."""
 
-
 DEVICES = {"con", "prn", "aux", "nul", *(f"{kind}{number}" for kind in ("com", "lpt") for number in range(1, 10))}
 """No file or folder of Windows has such a name."""
+
+BESIDE = {"levels": "levels", "control": "designs.controls", "asked": "asked", "factors": "designs.factors"}
+"""Keys of a study or a task whose own module has their rules."""
 
 NO_DEVICE = "a name that Windows does not keep for a device"
 
@@ -194,12 +196,12 @@ def protocol(table: Table) -> Iterator[Broken]:
     yield from _presented(table)
     yield from _task_limits(table)
     yield from _exclusion_limits(table)
-    if any(task.get("levels") is not None for _, task in tables_at(table, "tasks")):
-        yield from import_module("palpate.experiment.protocol.levels").broken(table)
-    if any(task.get("control") is not None for _, task in tables_at(table, "tasks")):
-        yield from import_module("palpate.experiment.protocol.designs.controls").broken(table)
-    if table.get("asked") is not None or table_at(table, "sharing").keys() & {"facts", "questionnaires"}:
-        yield from import_module("palpate.experiment.protocol.asked").broken(table)
+    parts = (table, *(task for _, task in tables_at(table, "tasks")))
+    stated = {key for one in parts for key, of in one.items() if of}
+    stated |= {"asked"} if table_at(table, "sharing").keys() & {"facts", "questionnaires"} else set()
+    for key, module in BESIDE.items():
+        if key in stated:
+            yield from import_module(f"palpate.experiment.protocol.{module}").broken(table)
     probed = table_at(table_at(table, "masker"), "probe").get("material")
     if probed is not None and probed not in (ids := [one.get("id") for _, one in tables_at(table, "materials")]):
         yield Broken(("masker", "probe", "material"), f"one of the materials: {', '.join(map(str, ids))}")

@@ -30,7 +30,6 @@ ENVELOPE = re.compile(
 )
 """A line, whatever its entry is: its number, its time and the hash of the line before it."""
 
-
 COPY_FIRST = "keep a copy of it as it is, and restore it from a backup"
 """What to do with a file of which a line was changed or is missing."""
 

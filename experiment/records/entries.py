@@ -15,7 +15,6 @@ FORMAT: Literal[10] = 10
 Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
 """What a session is for. Only sessions of one purpose stand in one dataset, and only a STUDY is data of its study."""
 
-
 Utc = Annotated[
     str,
     Field(pattern=r"^(19|2[01])[0-9]{2}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}\+00:00$"),

@@ -10,7 +10,6 @@ from palpate.experiment.records.entries import Footer
 BETWEEN = "The visit is paused; no session is under way."
 """What is said of a pause at a question before a session, or in the break."""
 
-
 Noting = Callable[[str], Attended | None]
 """Gives what takes a note in a pause of a task: its session or, before that has begun, the one before."""
 

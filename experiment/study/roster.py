@@ -32,7 +32,6 @@ from palpate.experiment.study.schedule import labels, stranger
 FORMAT: Literal[2] = 2
 """The format of the roster's file. Format 1 has no lines of approvals; a roster begun in it may go on with them."""
 
-
 Number = Annotated[int, Field(ge=1)]
 """The number of the approval that began the version to which somebody consented; lines of format 1 have none."""
 

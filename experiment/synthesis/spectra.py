@@ -25,7 +25,6 @@ EVEN = 64
 LONGEST_TRANSFORM = 2**26
 """Longest inverse DCT (512 MiB); only incommensurate rates of very long recordings need more."""
 
-
 QUIET, LIFT = 2.0**-900, 2.0**900
 """Below the one, spectra are transformed after multiplication by the other, lest intermediate results be denormal."""
 

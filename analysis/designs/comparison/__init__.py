@@ -22,15 +22,19 @@ from palpate.analysis.designs.comparison.by_number import REDUCED, WORDS, delays
 from palpate.analysis.designs.comparison.estimates import Estimate
 from palpate.analysis.designs.comparison.force import force_sections
 from palpate.analysis.designs.comparison.results import (
+    AUTHORS,
     LAWS,
     UNNAMED,
     Compared,
     Scaled,
     Share,
     TaskComparisons,
+    choices_words,
+    first_scale,
     more,
     percent,
 )
+from palpate.analysis.designs.comparison.unordered import each
 from palpate.analysis.documents.page import ON_METHODS
 from palpate.analysis.documents.tables import (
     Asked,
@@ -92,9 +96,6 @@ VALUES = (
     Column("of", "material", left=True), Column("value", decimals=2), Column(("low", "high"), "95 % CI", 2),
     Column("step", "above the one before", 2), Column(("step_low", "step_high"), "95 % CI", 2),
 )  # fmt: skip
-AUTHORS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
-"""Whose law each one is, in a sentence."""
-
 FIT = ABOUT["fit"].substitute()
 
 
@@ -168,6 +169,8 @@ def _overview(study: Study, results: Compared) -> Section:
         f"Pairs of materials were compared{by}. From the least to the most the protocol has "
         f"{', '.join(results.materials)}."
     )
+    if not results.ordered:
+        about = f"Pairs of {', '.join(results.materials)} were compared{by}; in the protocol they stand in no order."
     first, *rest = found.paragraphs
     return replace(found, paragraphs=(first, about, *rest))
 
@@ -176,9 +179,11 @@ def _answers_section(study: Study, results: Compared, mark: str) -> Section:
     """Return what was asked and found, a table with a `mark`: how often pairs were told right, and steps of a scale."""
     paragraphs = [*plan.planned_questions(study)]
     paragraphs += [" ".join(_compared(task, results)) for task in results.tasks]
+    if not results.ordered:
+        return Section("found", plan.FOUND, tuple(paragraphs), (each(results, mark),))
     records: list[Record] = []
     for task in results.tasks:
-        scaled = _first_scale(task)
+        scaled = first_scale(task)
         for low in range(len(results.materials) - 1):
             right, step = task.pair(low, low + 1).right, scaled.steps[low] if scaled else None
             records.append(
@@ -187,7 +192,7 @@ def _answers_section(study: Study, results: Compared, mark: str) -> Section:
                  "law": scaled.law if scaled else None, "step": step.value if step else None, **ends(step),
                  "also_in": "pairs.csv, scales.csv"}
             )  # fmt: skip
-    laws = {scaled.law for task in results.tasks if (scaled := _first_scale(task))}
+    laws = {scaled.law for task in results.tasks if (scaled := first_scale(task))}
     of = f", and the step between them on the scale of {joined([AUTHORS[law] for law in sorted(laws)])}" if laws else ""
     notes = (f"Neighbours in {results.quality}: how often they were told right{of}, with participants as the units.",)
     table = tabulate("Neighbours", NEIGHBORS, records, notes, standing=mark)
@@ -203,23 +208,19 @@ def _why(missing: Scaled, results: Compared) -> str:
     return f"{joined(part)} and {joined(others)} were never compared with one another"
 
 
-def _first_scale(task: TaskComparisons) -> Scaled | None:
-    return next((one for one in task.scales if one.scale is not None), None)
-
-
 def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
     people = plural(len(task.participants), "participant")
     two = [pair.right for pair in task.pairs if not pair.same]
     right, trials = sum(of.count for of in two), sum(of.trials for of in two)
     shares = [one.right.value for one in task.people if one.right.value is not None]
     yield f"{task.task.title} ({people})."
-    if trials:
+    if trials and results.ordered:
         among = f", from {100 * min(shares):.0f} to {100 * max(shares):.0f} % among them" if len(shares) > 1 else ""
         yield (
             f"The sample with {more(results)} was named in {right} of {trials} trials with two materials "
             f"({100 * right / trials:.0f} %{among})."
         )
-    scaled = _first_scale(task)
+    scaled = first_scale(task)
     if scaled is None:
         yield from (f"There is no scale: {_why(one, results)}." for one in task.scales[:1])
     else:
@@ -242,7 +243,7 @@ def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
         yield f"The scale of {AUTHORS[scaled.law]} has no intervals, for which it takes several participants."
         return
     groups: dict[str, list[str]] = {}
-    if len(known) > FEW and any(_side(step) == "below" for _, step in known):
+    if not results.ordered or (len(known) > FEW and any(_side(step) == "below" for _, step in known)):
         yield _in_order(scaled, results)
         return
     for name, step in known:
@@ -258,7 +259,7 @@ def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
 
 
 def _in_order(scaled: Scaled, results: Compared) -> str:
-    """Return where each of many materials lies that stand in no assumed order."""
+    """Return where each material lies, of those that stand in no order, or many in another than was assumed."""
     rising = sorted(zip(results.materials, scaled.values, strict=True), key=lambda one: one[1].value or 0.0)
     where = joined([f"{name} ({number(one.value, 2)}, {interval(one, 2)})" for name, one in rising])
     return f"From low to high on the scale of {AUTHORS[scaled.law]}, 0 their mean: {where}."
@@ -294,7 +295,7 @@ def _scale_words(results: Compared, test: PlannedTest) -> str:
 def _pairs(results: Compared) -> Section:
     about = ABOUT["pairs"].substitute()
     tables = tuple(_matrix(results, task) for task in results.tasks)
-    return Section("pairs", "Right choices by pair", (), tables, aside=(about,))
+    return Section("pairs", f"{choices_words(results)} by pair", (), tables, aside=(about,))
 
 
 def _matrix(results: Compared, task: TaskComparisons) -> Table:
@@ -319,8 +320,9 @@ def _matrix(results: Compared, task: TaskComparisons) -> Table:
         notes.append(f"{plural(ties, 'trial')} ended in a tie; these count as trials and are right for nobody.")
     if task.unanswered:
         notes.append(f"{plural(task.unanswered, 'trial')} without an answer count nowhere.")
-    same = frozenset((place, place + 1) for place in range(len(results.materials)))
-    title = f"{task.task.title}: percent right (95 % CI)"
+    neighbors = range(len(results.materials) if results.ordered else 0)
+    same = frozenset((place, place + 1) for place in neighbors)
+    title = f"{task.task.title}: percent {'right' if results.ordered else 'named'} (95 % CI)"
     table = tabulate(title, columns, crossed(records, "high", "low"), notes, marked=same)
     return replace(table, matrix=True, records=without_keys(records, {"cell"}))
 
@@ -372,7 +374,8 @@ def _bias(results: Compared) -> Section:
             for one in task.people
         ]  # fmt: skip
         title = f"{task.task.title}: each participant, percent (95 % CI)"
-        tables.append(tabulate(title, PEOPLE, records, in_print={"share_right", "share_first"}))
+        columns = PEOPLE if results.ordered else tuple(one for one in PEOPLE if one.key != "share_right")
+        tables.append(tabulate(title, columns, records, in_print={"share_right", "share_first"}))
     return Section("bias", "Bias to the first, and each participant", tuple(paragraphs), tuple(tables))
 
 
@@ -412,7 +415,8 @@ def _scale(results: Compared, task: TaskComparisons, one: Scaled, standing: str)
             f"{plural(one.scale.df, 'degree')} of freedom, {p_is(one.p)}."
         )
     title = f"{task.task.title}: {', '.join(LAWS[one.law])}"
-    return replace(tabulate(title, VALUES, records, notes, standing=standing), records=tuple(values))
+    columns = VALUES if results.ordered else VALUES[:3]
+    return replace(tabulate(title, columns, records, notes, standing=standing), records=tuple(values))
 
 
 def methods() -> tuple[tuple[str, str], ...]:
@@ -427,7 +431,7 @@ def _compute(study: Study, printed: Published | None, dissimilarities: Path | No
 
 
 def _numbers(found: Compared) -> dict[str, Any]:
-    return {"quality": found.quality, "tasks": found.tasks}
+    return {"quality": found.quality, "ordered": found.ordered, "tasks": found.tasks}
 
 
 def _export(study: Study, frame: pd.DataFrame, exclusions: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], Described]:
@@ -439,7 +443,7 @@ def _trials(study: Study, frame: pd.DataFrame) -> pd.DataFrame:
     ahead = frame["first"].map(place) - frame["second"].map(place)
     wanted = pd.Series(np.where(ahead > 0, asked.FIRST, asked.SECOND), index=frame.index)
     answers = {answer for one in study.designs.values() for answer in one.answers}
-    judged = frame["answered"].isin(answers) & (ahead != 0)
+    judged = frame["answered"].isin(answers) & (ahead != 0) & results.is_ordered(study)
     frame["right"] = (frame["answered"] == wanted).astype("Int64").where(judged)
     return frame
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from palpate.analysis.designs.comparison.delays import STEP_MS, Side
+from palpate.analysis.designs.comparison.estimates import Estimate
+from palpate.analysis.designs.comparison.factors import Factor
 from palpate.analysis.designs.comparison.results import Compared, TaskComparisons
 from palpate.analysis.documents.tables import Column, Record, Section, ends, interval, number, p_is, tabulate
 from palpate.analysis.report.plan import Standing
@@ -31,16 +33,26 @@ FACTORS, DELAYS = "factors", "delays"
 def _factor_words(task: TaskComparisons) -> str:
     """Return in a sentence what a doubling of each factor adds, and which of the first two adds more."""
     if (found := task.factors) is None:
-        return "the protocol states no two numbers that vary over all stimuli."
+        return "the protocol has no two factors, nor states two numbers that vary over all stimuli."
     if not found.factors:
         return f"no scale by factors: {found.statement}."
-    doubled = [(_quantity(of.name), of.doubling) for of in found.factors]
-    each = [f"{name} adds {number(one.value, 2)} ({interval(one, 2)})" for name, one in doubled]
-    said = f"in logits, a doubling of {', of '.join(each)}"
+    each = [f"{_change(of)} adds {_adds(of.doubling or of.across)}" for of in found.factors]
+    said = f"in logits, {', '.join(each)}"
     if found.apart is None:
         return f"{said}."
-    (one, _), (other, _) = doubled[:2]
-    return f"{said}; of {one} it adds {number(found.apart.value, 2)} ({interval(found.apart, 2)}) more than of {other}."
+    one, other = (_quantity(of.name) for of in found.factors[:2])
+    return f"{said}; a doubling of {one} adds {_adds(found.apart)} more than of {other}."
+
+
+def _change(of: Factor) -> str:
+    """Return which change of a factor is stated: a doubling, or from end to end where it has none."""
+    if of.doubling is None:
+        return f"{of.name} from {of.levels[0]:g} to {of.levels[-1]:g}"
+    return f"a doubling of {_quantity(of.name)}"
+
+
+def _adds(one: Estimate) -> str:
+    return f"{number(one.value, 2)} ({interval(one, 2)})"
 
 
 def _quantity(key: str) -> str:
@@ -55,14 +67,14 @@ def factors(results: Compared, stands: Standing) -> tuple[Section, ...]:
     for task, found in known:
         records: list[Record] = [
             {"task": task.task.id, "factor": of.name, "level": level, "value": one.value, **ends(one),
-             "doubling": of.doubling.value, **ends(of.doubling, "doubling_"), "across": of.across.value,
-             **ends(of.across, "across_")}
+             "doubling": of.doubling.value if of.doubling else None, **ends(of.doubling, "doubling_"),
+             "across": of.across.value, **ends(of.across, "across_")}
             for of in found.factors
             for level, one in zip(of.levels, of.effects, strict=True)
         ]  # fmt: skip
         notes = [
-            "In logits, from the lowest level of each factor; a doubling and the whole range are by a line in octaves. "
-            "Intervals are over participants."
+            "In logits, from the lowest level of each factor; a doubling and the whole range are by a line in octaves, "
+            "or, where a level is 0 or below, in the level itself. Intervals are over participants."
         ]
         if found.p is not None:
             notes.append(

@@ -1,8 +1,9 @@
 """What of a stimulus carries the quality that was compared: a scale of Bradley and Terry with the factors of stimuli.
 
-Where the protocol states the same numbers of every stimulus, and at least two of them vary, a choice follows from them:
-P(first) = F(sum over factors of (effect of the first's level - effect of the second's) + order), F the logistic. The
-main effects have one effect a level, the lowest 0; the slopes one effect a doubling. Participants are the units.
+Where a protocol has `[[factors]]`, or else states the same numbers of every stimulus, and at least two of them vary, a
+choice follows from them: P(first) = F(sum over factors of (effect of the first's level - effect of the second's) +
+order), F the logistic. The main effects have one effect a level, the lowest 0; the slopes one effect a doubling, or, of
+a factor with a value of 0 or less, one from its lowest value to its highest. Participants are the units.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ Numbers = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Factor:
-    """A number that varies: its levels, rising, what each adds to the lowest, and what a doubling adds.
+    """A number that varies: its levels, rising, what each adds to the lowest, and what a doubling adds, if it has one.
 
     `across` is what the slope adds from the lowest level to the highest.
     """
@@ -32,13 +33,15 @@ class Factor:
     name: str
     levels: tuple[float, ...]
     effects: tuple[Estimate, ...]
-    doubling: Estimate
+    doubling: Estimate | None
     across: Estimate
 
 
 @dataclass(frozen=True)
 class Factored:
     """The factors of a task, or why there is none: `apart` is what a doubling of the first adds beyond the second's.
+
+    It is None where either has no doublings.
 
     `p` is that of the main effects' deviance beyond the scale of all materials, as if answers were independent: small
     where factors do not simply add up.
@@ -51,8 +54,8 @@ class Factored:
     statement: str = ""
 
 
-def factored(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> Factored | None:
-    """Return what each factor of the stimuli adds; None where fewer than two numbers of every stimulus vary.
+def factored(data: Comparisons, materials: Sequence[str], numbers: Numbers, least: int = 2) -> Factored | None:
+    """Return what each factor of the stimuli adds; None where fewer than `least` numbers of every stimulus vary.
 
     Only materials of these trials count; who has no numbers, such as a blank, is left out with its pairs.
     """
@@ -60,8 +63,8 @@ def factored(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> F
     keys = [set(numbers.get(one, {})) for one in materials]
     shared = set.intersection(*keys) if keys else set()
     values = {key: np.array([numbers[one][key] for one in materials]) for key in sorted(shared)}
-    varied = {key: of for key, of in values.items() if len(set(of.tolist())) > 1 and (of > 0).all()}
-    if len(varied) < 2 or any(one != shared for one in keys):
+    varied = {key: of for key, of in values.items() if len(set(of.tolist())) > 1}
+    if len(varied) < least or any(one != shared for one in keys):
         return None
     try:
         return _fitted(data, varied)
@@ -87,7 +90,10 @@ def _with_numbers(data: Comparisons, materials: Sequence[str], numbers: Numbers)
 
 
 def _fitted(data: Comparisons, varied: Mapping[str, Floats]) -> Factored:
-    slopes = np.column_stack([np.log2(of) for of in varied.values()])
+    doubles = [bool((of > 0).all()) for of in varied.values()]
+    slopes = np.column_stack(
+        [np.log2(of) if double else of / np.ptp(of) for double, of in zip(doubles, varied.values(), strict=True)]
+    )
     levels = {key: np.unique(of) for key, of in varied.items()}
     dummies = np.column_stack([(of[:, None] == levels[key][1:]).astype(float) for key, of in varied.items()])
     by_slope, by_level = (scaling.fit_terms(data, terms) for terms in (slopes, dummies))
@@ -101,14 +107,15 @@ def _fitted(data: Comparisons, varied: Mapping[str, Floats]) -> Factored:
                 key,
                 tuple(of.tolist()),
                 (Estimate(0.0, None, None, None), *(estimate(*one, people) for one in effects)),
-                estimate(*by_slope.combined(along), people),
-                estimate(*by_slope.combined(along * np.log2(of[-1] / of[0])), people),
+                estimate(*by_slope.combined(along), people) if doubles[place] else None,
+                estimate(*by_slope.combined(along * np.ptp(slopes[:, place])), people),
             )
         )
-    first_two = one_of(len(by_slope.values), 0) - one_of(len(by_slope.values), 1)
-    return Factored(
-        tuple(factors), estimate(*by_slope.combined(first_two), people), whole_beyond(data, by_level), by_level.reduced
-    )
+    apart = None
+    if len(doubles) > 1 and all(doubles[:2]):
+        first_two = one_of(len(by_slope.values), 0) - one_of(len(by_slope.values), 1)
+        apart = estimate(*by_slope.combined(first_two), people)
+    return Factored(tuple(factors), apart, whole_beyond(data, by_level), by_level.reduced)
 
 
 def one_of(size: int, place: int) -> Floats:

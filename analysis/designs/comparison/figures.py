@@ -7,7 +7,15 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
-from palpate.analysis.designs.comparison.results import LAWS, Compared, Scaled, TaskComparisons, more, percent
+from palpate.analysis.designs.comparison.results import (
+    LAWS,
+    Compared,
+    Scaled,
+    TaskComparisons,
+    choices_words,
+    more,
+    percent,
+)
 from palpate.analysis.documents import drawing
 
 DARK = 0.6
@@ -21,19 +29,20 @@ def sheets(results: Compared, label: str, *, titles: bool = False) -> tuple[draw
 
 
 def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[drawing.Sheet]:
+    shares = choices_words(results)
     height = min(0.42 * len(results.materials) + 0.9, drawing.PAGE_INCHES)
     for page, tasks in drawing.pages(results.tasks, height):
-        figure, panels = drawing.sheet([height] * len(tasks), "Right choices, percent" if titles else "", label)
+        figure, panels = drawing.sheet([height] * len(tasks), f"{shares}, percent" if titles else "", label)
         for axes, task in zip(panels, tasks, strict=True):
             choices(axes, task, results.materials)
             if len(results.tasks) == 1 and not titles:
                 axes.set_title("")
         said = (
-            f"Percent of right choices of each pair in {_people(tasks)}, from 0 (white) to 100 (dark): how often the "
-            f"row was named as having {more(results)} than the column. On the diagonal, where both samples were "
+            f"Percent of {shares.lower()} of each pair in {_people(tasks)}, from 0 (white) to 100 (dark): how often "
+            f"the row was named as having {more(results)} than the column. On the diagonal, where both samples were "
             "of one material, how often the first was named: 50 by guessing. Intervals stand in the table."
         )
-        yield drawing.Sheet(f"right-choices{page}", "answers", said, figure)
+        yield drawing.Sheet(f"{shares.lower().replace(' ', '-')}{page}", "answers", said, figure)
     shown = [(task, one) for task in results.tasks for one in task.scales if one.scale is not None]
     height = min(0.2 * len(results.materials) + 0.8, drawing.PAGE_INCHES)
     for page, scaled in drawing.pages(shown, height):
@@ -55,7 +64,7 @@ def _people(tasks: Sequence[TaskComparisons]) -> str:
 
 
 def choices(axes: Axes, task: TaskComparisons, materials: tuple[str, ...]) -> None:
-    """Draw the shares of right choices below and on the diagonal, each with its percentage."""
+    """Draw the shares of choices below and on the diagonal, each with its percentage."""
     count = len(materials)
     shares = np.full((count, count), np.nan)
     for pair in task.pairs:

@@ -1,6 +1,7 @@
 """Study -> every number of its comparisons: shares of right choices by pair, bias to the first, and scales.
 
-The right choice comes later among the study's materials, ordered from least to most. No answer counts in no share.
+The right choice comes later among the study's materials, ordered from least to most; where they stand in no order, none
+is right, and the same share is of the later one. No answer counts in no share.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from scipy.special import chdtrc
 
 from palpate.analysis.designs.comparison.delays import Delayed, delayed
 from palpate.analysis.designs.comparison.estimates import Estimate, estimate
-from palpate.analysis.designs.comparison.factors import Factored, factored
+from palpate.analysis.designs.comparison.factors import Factored, Numbers, factored
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics.exact import NotDefined
@@ -36,6 +37,9 @@ LAWS = {
     "davidson": ("Davidson", "with ties, in logits"),
 }
 """The name of each law, and more about it. A protocol writes the same name with capitals, as `str.title` gives it."""
+
+AUTHORS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
+"""Whose law each one is, in a sentence."""
 
 UNNAMED = "what was compared"
 """The quality where no protocol names one."""
@@ -143,19 +147,21 @@ class TaskComparisons:
 
 @dataclass(frozen=True)
 class Compared:
-    """The results of a study of comparisons; `quality` is what was compared."""
+    """The results of a study of comparisons; `quality` is what was compared, by which materials may be `ordered`."""
 
     materials: tuple[str, ...]
     quality: str
     tasks: tuple[TaskComparisons, ...]
+    ordered: bool = True
 
     def __repr__(self) -> str:
-        return f"<Compared {self.quality}: {'; '.join(map(_summary, self.tasks))}>"
+        return f"<Compared {self.quality}: {'; '.join(_summary(one, self.ordered) for one in self.tasks)}>"
 
     def to_frame(self) -> pd.DataFrame:
         """Return a row for each task and pair, the lower material first, with the exact 95 % interval of the share.
 
-        `right` are choices of the higher material; of two that are the same, of the first.
+        `right` are choices of the higher material, which comes later among the study's, in an order or none; of two
+        that are the same, of the first.
         """
         import pandas as pd
 
@@ -175,12 +181,24 @@ def more(results: Compared) -> str:
     return f"more of {UNNAMED}" if results.quality == UNNAMED else f"more {results.quality}"
 
 
+def first_scale(task: TaskComparisons) -> Scaled | None:
+    """Return the first scale of a task that could be fitted."""
+    return next((one for one in task.scales if one.scale is not None), None)
+
+
+def choices_words(results: Compared) -> str:
+    """Return what shares of choices are called: right ones only where materials are ordered."""
+    return "Right choices" if results.ordered else "Choices"
+
+
 def percent(share: Share) -> str:
     """Return a share in whole percent, or `-` without a trial."""
     return "-" if share.value is None else f"{100 * share.value:.0f}"
 
 
-def _summary(task: TaskComparisons) -> str:
+def _summary(task: TaskComparisons, ordered: bool) -> str:
+    if not ordered:
+        return f"{task.task.id}, {task.trials} trials of {len(task.participants)}"
     different = [pair.right for pair in task.pairs if not pair.same]
     right, trials = sum(one.count for one in different), sum(one.trials for one in different)
     return f"{task.task.id}, {right} of {trials} right by {len(task.participants)}"
@@ -197,7 +215,13 @@ def compute(study: Study, printed: Published | None = None) -> Compared:
     protocols = [part.protocol.find(Comparison) for part in study.parts if part.protocol]
     quality = next((one.quality for one in protocols if one is not None), UNNAMED)
     tasks = tuple(_task(study, task, printed) for task in study.tasks if len(study.trials(task.id)))
-    return Compared(study.materials, quality, tasks)
+    return Compared(study.materials, quality, tasks, is_ordered(study))
+
+
+def is_ordered(study: Study) -> bool:
+    """Return whether materials stand in an order of what was compared, as where no protocol says otherwise."""
+    protocols = [part.protocol.find(Comparison) for part in study.parts if part.protocol]
+    return all(one.ordered for one in protocols if one is not None)
 
 
 def _task(study: Study, task: Task, printed: Published | None) -> TaskComparisons:
@@ -217,6 +241,7 @@ def _task(study: Study, task: Task, printed: Published | None) -> TaskComparison
     first = data.chosen == FIRST
     pairs = tuple(_pair(data, right, *pair) for pair in combinations_with_replacement(range(data.items), 2))
     numbers = _numbers(study, task)
+    is_planned = any(one.test == "factors" and task.id in one.tasks for one in study.plans())
     laws: tuple[Law, ...] = ("bradley-terry", "thurstone")
     if asked.TIE in study.designs[task.id].answers:
         laws = ("davidson",)
@@ -232,13 +257,13 @@ def _task(study: Study, task: Task, printed: Published | None) -> TaskComparison
             for n, who in enumerate(people)
         ),
         scales=tuple(scaled(data, law) for law in laws),
-        factors=factored(data, study.materials, numbers),
+        factors=factored(data, study.materials, study.factors or numbers, 1 if is_planned and study.factors else 2),
         delays=delayed(data, study.materials, numbers),
         in_print=_in_print(pairs, task.id, printed, study.materials),
     )
 
 
-def _numbers(study: Study, task: Task) -> Mapping[str, Mapping[str, float]]:
+def _numbers(study: Study, task: Task) -> Numbers:
     """Return the numbers of each material's stimulus, the same in every protocol of a study; nothing of others."""
     protocols = [part.protocol for part in study.parts if part.protocol is not None and task.id in part.tasks]
     stated = [one.kind_table(one.task(task.id)).numbers for one in protocols]

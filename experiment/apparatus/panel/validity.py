@@ -14,7 +14,6 @@ from palpate.experiment.errors import Finding, Remedy, RigError
 
 CALIBRATE = ("palpate", "calibrate", "actuator", "--rig", "RIG", "--out", "NEW-RIG")
 
-
 UNHEARD_DAYS = 30
 """For so long a measurement counts at most if no accelerometer stays on the panel, which sessions compare with it."""
 

@@ -60,7 +60,6 @@ SIMULATED_STALL_S = 60.0
 RETRY_S = 0.05
 """How often a port that has gone is looked for, s."""
 
-
 _MACHINE = MonotonicClock()
 """Paces this machine's work, whatever the session's clock."""
 

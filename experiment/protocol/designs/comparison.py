@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 
+from pydantic import Field
+
 from palpate.experiment.protocol.designs import Meaning, PlannableTest, ProtocolDesign
-from palpate.experiment.protocol.kinds import table_at, tables_at
+from palpate.experiment.protocol.kinds import list_at, table_at, tables_at
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.settings.load import Broken, Confined, Key, Name, Table
 
@@ -25,13 +27,15 @@ class Comparison(Confined):
     """In each trial a participant names one of two materials.
 
     Attributes:
-        quality: what is compared, such as hardness; materials are listed from least to most.
+        quality: what is compared, such as hardness.
+        ordered: whether materials are listed from the least of it to the most; if not, no choice is right or wrong.
         first_key: the first was named.
         second_key: the second.
         tie_key: neither; without it participants must choose.
     """
 
     quality: Name
+    ordered: bool = Field(True, json_schema_extra={"since": 7})
     first_key: Key
     second_key: Key
     tie_key: Key | None = None
@@ -47,7 +51,8 @@ def _rules(table: Table) -> Iterator[Broken]:
     """The design `comparison` needs `[comparison]`.
 
     No material has `key` or `spoken`, `answers.microphone` is false, and the planned tests are `Bradley-Terry`,
-    `Thurstone`, `factors` and `delays`, or, where there is a `tie_key`, `Davidson`.
+    `Thurstone`, `factors` and `delays`, or, where there is a `tie_key`, `Davidson`. With two factors or more `ordered`
+    is false; then no task has `levels`.
     """
     if table.get("comparison") is None:
         yield Broken(("comparison",), "a table: tasks of the design 'comparison' need it")
@@ -57,6 +62,12 @@ def _rules(table: Table) -> Iterator[Broken]:
                 yield Broken(("materials", i, key), "no value: participants compare materials, and name none")
     if table_at(table, "answers").get("microphone") is True:
         yield Broken(("answers", "microphone"), "false: with pairs nobody names a material")
+    ordered = table_at(table, "comparison").get("ordered") is not False
+    if ordered and len(list_at(table, "factors")) > 1:
+        yield Broken(("comparison", "ordered"), "false: materials of several factors stand in no one order")
+    for i, task in tables_at(table, "tasks") if not ordered else ():
+        if task.get("levels") is not None:
+            yield Broken(("tasks", i, "levels"), "no table: no answer is right or wrong where nothing is ordered")
     tied = table_at(table, "comparison").get("tie_key") is not None
     for i, test in tables_at(table, "analysis"):
         if test.get("test") in TESTS and (test["test"] == "Davidson") != tied:

@@ -7,7 +7,7 @@ import hashlib
 import io
 import wave
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -66,14 +66,29 @@ def recordings(paths: Sequence[Path]) -> tuple[Recording, ...]:
     return tuple(found)
 
 
+def values(typed: Sequence[str] | None) -> dict[str, tuple[float, ...]]:
+    """Return the values of each `ID=NUMBER,NUMBER,...`. Raises `PalpateError` for what is none."""
+    found = {}
+    for one in typed or ():
+        name, _, numbers = one.partition("=")
+        try:
+            found[name.strip()] = tuple(map(float, numbers.split(",")))
+        except ValueError as error:
+            raise PalpateError(f"got --factor {quoted(one)}", allowed="ID=NUMBER,NUMBER,...") from error
+    return found
+
+
 @dataclass(frozen=True)
 class Changes:
-    """What a copy has of its own: participants, who answers, recordings, and the acceleration of their full scale."""
+    """What a copy has of its own: participants, who answers, recordings, the acceleration of their full scale, and
+    values of factors by their ids.
+    """
 
     participants: int | None = None
     mode: str | None = None
     recorded: tuple[Recording, ...] = ()
     full_scale_m_s2: float = 10.0
+    values: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 UNCHANGED = Changes()
@@ -122,16 +137,28 @@ def copied(source: Path, study_id: str, title: str | None = None, *, changed: Ch
         document["answers"]["mode"] = changed.mode
     if changed.recorded:
         _present(document, changed)
+    _vary(document, changed)
     made = tomlkit.dumps(document)
     writing.check(made)
     return made
+
+
+def _vary(document: Any, changed: Changes) -> None:
+    """Give factors of a document other values, which have no names. Raises `PalpateError` for a factor it has not."""
+    factors = {str(one["id"]): one for one in document.get("factors", ())}
+    for name, numbers in changed.values.items():
+        if name not in factors:
+            known = ", ".join(factors) or "none: the study has no factors"
+            raise PalpateError(f"got --factor {quoted(name)}", allowed=known)
+        factors[name]["values"] = list(numbers)
+        factors[name].pop("names", None)
 
 
 def _present(document: Any, changed: Changes) -> None:
     """Let each recording be a material of a document, named after its file."""
     recorded = changed.recorded
     tables: list[Any] = [one for one in document.values() if isinstance(one, Mapping) and "stimuli" in one]
-    if not tables or not all("spoken" in one for one in document["materials"]):
+    if not tables or not all("spoken" in one for one in document.get("materials", [{}])):
         raise PalpateError("got --recording", allowed="it with --kind presented --design identification")
     named = writing.materials([one.file.stem for one in recorded])
     tables[0]["stimuli"] = [

@@ -378,13 +378,18 @@ def _order(task: Task, presented: str) -> str:
 
 
 def _materials(protocol: Protocol) -> Iterator[Block]:
+    made = frozenset[str]()
+    if getattr(protocol, "factors", ()):
+        factors = import_module("palpate.experiment.protocol.designs.factors")
+        made = frozenset(factors.crossed(protocol))
+        yield from factors.blocks(protocol)
     if ranked := design_words(protocol.tasks[0]).ranked(protocol):
         yield Said(ranked)
     for one in protocol.materials:
         spoken = " or ".join(map(named, one.spoken))
         said = f": participants say {spoken}; the key is [{one.key}]." if one.key is not None else "."
         yield Item(f"{named(one.id)}{said}")
-        yield Quoted(one.description)
+        yield from () if one.id in made else (Quoted(one.description),)
 
 
 def _stimuli(protocol: Protocol) -> Iterator[Block]:

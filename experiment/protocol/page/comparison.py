@@ -12,6 +12,13 @@ def _question_words(protocol: Protocol) -> str:
     return f"Participants say which of the two has more {named(comparison.quality)}{tie}."
 
 
+def _ranked(protocol: Protocol) -> str:
+    comparison = protocol.table(Comparison)
+    if comparison.ordered:
+        return f"From the least {named(comparison.quality)} to the most:"
+    return f"In no order of {named(comparison.quality)}, so that no choice is right or wrong:"
+
+
 WORDS = DesignWords(
     answers=lambda protocol: list(protocol.table(Comparison).answers.items()),
     noun="pair",
@@ -27,6 +34,6 @@ WORDS = DesignWords(
         "the one of its materials is presented first, in the other half the other."
     ),
     asked=_question_words,
-    ranked=lambda protocol: f"From the least {named(protocol.table(Comparison).quality)} to the most:",
+    ranked=_ranked,
     index="The share of trials in which a participant named one of two materials, for each task and pair.",
 )

@@ -18,7 +18,6 @@ Colour = Literal["pink", "white"]
 LOWEST_HZ = 20.0
 """Nothing sounds below: headphones would spend excursion on what masks nothing."""
 
-
 CLAIMED_DB, CLAIMED_FROM_S = 0.5, 0.5
 """How far an octave band from 31.5 Hz to 16 kHz is from its colour at most, and from which length of noise on."""
 

@@ -19,7 +19,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.protocol import designs, kinds
 from palpate.experiment.protocol.approval import Seal, sha256
-from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.files import ProtocolFile, load, shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import approved as approval_lines
 from palpate.experiment.protocol.page import page as page_of
@@ -173,6 +173,15 @@ CASES += [
     for path, kind, value in fields(ASKED)
     for other in others(kind, value)
     if path[0] in ("asked", "sharing") or path[-1] == "groups"
+]
+
+
+CASES += [
+    (study, path, value, other)
+    for study in map(load, map(shipped, ("harder.toml", "timing.toml")))
+    for path, kind, value in fields(study)
+    for other in others(kind, value)
+    if path[0] == "factors" or path[-1] == "ordered"
 ]
 
 

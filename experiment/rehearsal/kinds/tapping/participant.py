@@ -18,6 +18,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.desk.questions import Arm, Place, Question, Reply
 from palpate.experiment.errors import ActuatorError
+from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.protocol.kinds.tapping import Tapping, rendered
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.designs import Percept, judge_of
@@ -87,8 +88,9 @@ class SimulatedTapper(SimulatedPerson):
         self._discrimination = DISCRIMINATION * float(np.exp(SPREAD * rng.normal()))
         self._leaning = LEANING * float(rng.normal())
         names = [material.id for material in self.protocol.materials]
-        felt_hz = [surfaces.felt_hz(surfaces.rings(hz), surfaces.RATE_HZ) for hz in surfaces.frequencies_hz(names)]
-        self._heights = {name: (float(np.log(hz or 1.0)), 1.0) for name, hz in zip(names, felt_hz, strict=True)}
+        rising = names if self.protocol.table(Comparison).ordered else surfaces.mixed(names)
+        felt_hz = [surfaces.felt_hz(surfaces.rings(hz), surfaces.RATE_HZ) for hz in surfaces.frequencies_hz(rising)]
+        self._heights = {name: (float(np.log(hz or 1.0)), 1.0) for name, hz in zip(rising, felt_hz, strict=True)}
         self._in_table_1 = all(name in surfaces.TABLE_1 for name in names)
         self._laid: tuple[str, ...] = ()
         self._times: Counter[int] = Counter()

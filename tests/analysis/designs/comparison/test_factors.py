@@ -57,6 +57,7 @@ def found() -> Factored:
 def test_slopes_and_main_effects_are_rs(found: Factored) -> None:
     assert [one.name for one in found.factors] == ["amplitude_m_s2", "frequency_hz"]
     for one, slope, effects in zip(found.factors, SLOPES, EFFECTS, strict=True):
+        assert one.doubling is not None
         assert (one.doubling.value, one.doubling.se) == pytest.approx(slope, rel=1e-7)
         # Two doublings from the lowest level to the highest.
         assert (one.across.value, one.across.se) == pytest.approx([2 * of for of in slope], rel=1e-7)
@@ -119,6 +120,31 @@ def test_choices_that_never_vary_have_a_reduced_scale() -> None:
     found = factored(always, MATERIALS, NUMBERS)
     assert found is not None
     assert (found.reduced, found.p) == (True, None)
+
+
+FROM_ZERO = ((0.62935829850554, 0.064950511078597), (0.51709361567249, 0.162583617141645))
+"""R 4.2.2, as above, of chosen ~ a + x, x the delay by its range, 70."""
+
+
+def test_a_factor_without_doublings_has_a_line_of_its_own_which_is_rs() -> None:
+    delays = np.repeat([-20.0, 0.0, 50.0], 3)
+    numbers = {one: {"amplitude": a, "delay": ms} for one, a, ms in zip(MATERIALS, AMPLITUDES, delays, strict=True)}
+    found = factored(simulated(), MATERIALS, numbers)
+    assert found is not None
+    amplitude, delay = found.factors
+    assert amplitude.doubling is not None
+    assert (amplitude.doubling.value, amplitude.doubling.se) == pytest.approx(FROM_ZERO[0], rel=1e-7)
+    assert (delay.doubling, found.apart) == (None, None)
+    assert (delay.across.value, delay.across.se) == pytest.approx(FROM_ZERO[1], rel=1e-7)
+    assert [one.value for one in delay.effects] == pytest.approx([0, *(of for of, _ in EFFECTS[1])], rel=1e-7)
+
+
+def test_one_factor_that_is_planned_suffices() -> None:
+    alone = {one: {"amplitude": a} for one, a in zip(MATERIALS, AMPLITUDES, strict=True)}
+    assert factored(simulated(), MATERIALS, alone) is None
+    found = factored(simulated(), MATERIALS, alone, 1)
+    assert found is not None
+    assert [one.levels for one in found.factors] == [(2.0, 4.0, 8.0)]
 
 
 def test_the_shipped_study_varies_amplitude_apart_from_frequency() -> None:

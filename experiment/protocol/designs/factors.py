@@ -1,0 +1,263 @@
+"""Factors in a protocol: what its stimuli differ in, each value of one with each of the others.
+
+A file with `[[factors]]` has one stimulus that names no material. Where the file is read, one stimulus and one material
+for each combination take its place, so that the seal, the page, the draws and the analysis have them as any others.
+"""
+
+import string
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from math import prod
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field, ValidationError
+
+from palpate.experiment.protocol.blocks import Block, Said, count, named, number
+from palpate.experiment.protocol.blocks import facts as page_facts
+from palpate.experiment.protocol.designs import NAMES, design_of
+from palpate.experiment.protocol.kinds import list_at, table_at, tables_at
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Label, Name, Rules, Table
+from palpate.experiment.storage import Place
+
+MOST = 200
+"""Combinations at most; ours: nobody compares or rates more."""
+
+UNITS = {"_m_s2": "m/s^2", "_per_s": "/s", "_ms": "ms", "_hz": "Hz", "_s": "s"}
+"""What a key ends in, and how a value of it is written."""
+
+CHANGED = ("PresentedStimulus", "VirtualSurface", "Sinusoid", "Decaying", "Noise", "Sweep", "Pulses", "Silence")
+"""Tables of stimuli, in which a key may be left to a factor."""
+
+KEYS = string.digits[1:] + string.ascii_lowercase
+"""Keys of combinations, where participants name them."""
+
+
+def _factor_rules(table: Table) -> Iterator[Broken]:
+    """`values` are unlike each other, and `names` as many as they."""
+    values, names = list_at(table, "values"), list_at(table, "names")
+    for i, one in enumerate(values):
+        if one in values[:i]:
+            yield Broken(("values", i), "another value than those before it")
+    if names and len(names) != len(values):
+        yield Broken(("names",), f"{len(values)} names, one for each value")
+
+
+class Factor(Confined):
+    """What stimuli differ in. Each value is crossed with each of the other factors', into a material of its own.
+
+    One stimulus, or one surface, names no material: each combination is made from it. A material is named after its
+    values, such as `60 Hz, 2 m/s^2`. Others may stand beside these in `[[materials]]`, with a stimulus each.
+
+    Attributes:
+        id: its name in tables of results.
+        changes: the key that it sets, which that stimulus leaves out: `delay_ms`, or one of every wave of a sort, such
+            as `decaying.frequency_hz`.
+        values: its values.
+        names: what each is called in materials' names, if not by its number and unit.
+    """
+
+    RULES: ClassVar[Rules] = _factor_rules
+
+    id: Label
+    changes: Annotated[
+        str, Field(pattern=r"^[a-z_0-9]+(\.[a-z_0-9]+)?$", description="KEY or TABLE.KEY of the stimulus"), ONE_LINE
+    ]
+    values: Annotated[tuple[Annotated[float, Field(ge=-100_000, le=100_000)], ...], Field(min_length=2)]
+    names: tuple[Name, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """The unit of its values; empty for plain numbers."""
+        return next((unit for end, unit in UNITS.items() if self.changes.endswith(end)), "")
+
+    @property
+    def written(self) -> tuple[str, ...]:
+        """Each value with its unit."""
+        return tuple(f"{number(one)} {self.unit}".rstrip() for one in self.values)
+
+    @property
+    def called(self) -> tuple[str, ...]:
+        """What each value is called in the names of materials, which begin with no sign."""
+        signed = zip(self.values, self.written, strict=True)
+        return self.names or tuple(f"{self.id} {said}" if value < 0 else said for value, said in signed)
+
+
+Factors = tuple[Factor, ...]
+"""All of them, in the order of the file."""
+
+
+def _materials(factors: Factors) -> dict[str, tuple[int, ...]]:
+    """Return the name of each combination, the last factor fastest, with the places of its values."""
+    every = product(*(range(len(one.values)) for one in factors))
+    return {", ".join(of.called[i] for of, i in zip(factors, places, strict=True)): places for places in every}
+
+
+def crossed(protocol: Protocol) -> dict[str, dict[str, float]]:
+    """Return the values of each material that is made of factors, by their ids; nothing of a study without any."""
+    factors: Factors = getattr(protocol, "factors", ())
+    return {
+        name: {of.id: of.values[i] for of, i in zip(factors, places, strict=True)}
+        for name, places in (_materials(factors) if factors else {}).items()
+    }
+
+
+def _read(document: Table) -> Factors:
+    """Return the factors of a plain document; none where one is not as it should be, of which its model tells."""
+    try:
+        return tuple(Factor.model_validate(one) for one in list_at(document, "factors"))
+    except ValidationError:
+        return ()
+
+
+def _template(document: Table) -> Place | None:
+    """Return the place of the one stimulus that names no material."""
+    found = [
+        (table, key, i)
+        for table, own in document.items()
+        if isinstance(own, Mapping)
+        for key in own
+        for i, one in tables_at(own, key)
+        if key in ("stimuli", "surfaces") and one.get("material") is None
+    ]
+    return found[0] if len(found) == 1 else None
+
+
+def _reasons(document: Table) -> Iterator[Broken]:
+    """Yield why factors of a document as it was written cannot be crossed."""
+    factors, place = _read(document), _template(document)
+    if place is None:
+        allowed = "one stimulus or virtual surface that names no material, which the factors change"
+        yield Broken(("factors",), allowed)
+        return
+    table, key, at = place
+    if (combinations := prod(len(one.values) for one in factors)) > MOST:
+        yield Broken(("factors",), f"at most {MOST} combinations, and these are {combinations}")
+        return
+    if len(_materials(factors)) < combinations:
+        yield Broken(("factors",), "names of values by which no two combinations are called the same")
+    for i, factor in enumerate(factors):
+        places = list(_places(document[table][key][at], factor.changes.split(".")))
+        if not places:
+            yield Broken(("factors", i, "changes"), "a key of a table that the stimulus without a material has")
+        for path, own in places:
+            if own.get(path[-1]) is not None:
+                allowed = f"no value: the factor '{factor.id}' sets it"
+                yield Broken((*place, *path), allowed)
+
+
+def _places(table: Table, path: Sequence[str]) -> Iterator[tuple[Place, Table]]:
+    """Yield each place of a stimulus at which a factor sets its key, and the table in which that stands."""
+    *within, key = path
+    if not within:
+        yield (key,), table
+        return
+    for name, held in table.items():
+        several = held if isinstance(held, tuple) else (held,)
+        for i, one in enumerate(several):
+            at = (name, i) if isinstance(held, tuple) else (name,)
+            if isinstance(one, Mapping):
+                inner = _places(one, [key] if name == within[0] else path)
+                yield from (((*at, *place), own) for place, own in inner)
+
+
+def _put(held: Any, place: Place, value: float) -> Any:
+    """Return a table, or tuple of tables, with a value at a place."""
+    key, *rest = place
+    if isinstance(held, tuple):
+        return tuple(_put(one, tuple(rest), value) if i == key else one for i, one in enumerate(held))
+    return {**held, key: _put(held[key], tuple(rest), value) if rest else value}
+
+
+def renewed(document: Table) -> Table:
+    """Return a document with a material and a stimulus of each combination; what cannot be crossed stays as it is."""
+    factors, place = _read(document), _template(document)
+    if not factors or place is None or any(_reasons(document)):
+        return document
+    table, key, at = place
+    stimuli, made = document[table][key], []
+    for name, places in _materials(factors).items():
+        stimulus = {**stimuli[at], "material": name}
+        for factor, i in zip(factors, places, strict=True):
+            for where, _ in _places(stimuli[at], factor.changes.split(".")):
+                stimulus = _put(stimulus, where, factor.values[i])
+        made.append(stimulus)
+    crossing = ((name, _description(factors, places)) for name, places in _materials(factors).items())
+    return {
+        **document,
+        "materials": (*list_at(document, "materials"), *_named(document, crossing)),
+        table: {**document[table], key: (*stimuli[:at], *stimuli[at + 1 :], *made)},
+    }
+
+
+def _description(factors: Factors, places: Sequence[int]) -> str:
+    return f"{', '.join(f'{of.id} {of.written[i]}' for of, i in zip(factors, places, strict=True))}."
+
+
+def _named(document: Table, crossing: Iterator[tuple[str, str]]) -> Iterator[Table]:
+    """Yield each material, with a key of its own and its name as what is said where participants name materials."""
+    designs = [design for _, task in tables_at(document, "tasks") if (design := task.get("design")) in NAMES]
+    taken = {one.get("key") for _, one in tables_at(document, "materials")}
+    taken |= {value for name in document for key, value in table_at(document, name).items() if key.endswith("_key")}
+    free = (one for one in KEYS if one not in taken)
+    for name, description in crossing:
+        told = {"key": next(free, None), "spoken": (name,)} if designs and design_of(designs[0]).table is None else {}
+        yield {"id": name, **told, "description": description}
+
+
+def stated(place: Place, document: Table) -> Place:
+    """Return where a document states what stands at a place of the one that `renewed` returns."""
+    if renewed(document) is document or (template := _template(document)) is None:
+        return place
+    table, key, at = template
+    others = len(list_at(document[table], key)) - 1
+    match place:
+        case ("materials", int(i), *_) if i >= len(list_at(document, "materials")):
+            return ("factors",)
+        case (str(one), str(other), int(i), *rest) if (one, other) == (table, key):
+            if i < others:
+                return (table, key, i + (i >= int(at)), *rest)
+            names = [part for part in rest if isinstance(part, str)]
+            for k, factor in enumerate(_read(document)):
+                path = factor.changes.split(".")
+                if names[-len(path) :] == path:
+                    return ("factors", k)
+            return (table, key, at, *rest)
+    return place
+
+
+def broken(table: Table) -> Iterator[Broken]:
+    """Yield what is wrong with factors of a document that was renewed."""
+    factors = _read(table)
+    for i, one in enumerate(factors):
+        if one.id in [other.id for other in factors[:i]]:
+            yield Broken(("factors", i, "id"), "a name of its own")
+    ids = {one.get("id") for _, one in tables_at(table, "materials")}
+    if factors and not ids.issuperset(_materials(factors)):
+        yield from _reasons(table)
+
+
+def relaxed(schema: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the JSON Schema of a protocol file in which nothing lacks that a file with factors leaves out."""
+    tables = {name: one | ({"required": []} if name in CHANGED else {}) for name, one in schema["$defs"].items()}
+    return {**schema, "$defs": tables, "required": [one for one in schema["required"] if one != "materials"]}
+
+
+def blocks(protocol: Protocol) -> Iterator[Block]:
+    """Yield what the board reads of the factors of a study that has some."""
+    factors: Factors = getattr(protocol, "factors", ())
+    whole = all(task.materials is None and task.levels is None for task in protocol.tasks)
+    often = " In each task every value comes as often as any other of its factor." if whole else ""
+    of = "each value of the factor" if len(factors) == 1 else "each value of a factor with each of the others"
+    yield Said(
+        f"{count(prod(len(one.values) for one in factors), 'material')} are made of factors, {of}, and in all else are "
+        f"alike.{often} What the factors set:"
+    )
+    yield page_facts(*((one.id, f"{one.changes}: {_values(one)}") for one in factors))
+
+
+def _values(factor: Factor) -> str:
+    if not factor.names:
+        return ", ".join(factor.written)
+    named_values = zip(factor.written, factor.names, strict=True)
+    return ", ".join(f"{said} ({named(name)})" for said, name in named_values)
