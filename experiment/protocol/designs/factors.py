@@ -110,7 +110,7 @@ def _read(document: Table) -> Factors:
         return ()
 
 
-def _template(document: Table) -> Place | None:
+def _template(document: Table) -> tuple[str, str, int] | None:
     """Return the place of the one stimulus that names no material."""
     found = [
         (table, key, i)
@@ -141,7 +141,7 @@ def _reasons(document: Table) -> Iterator[Broken]:
         if not places:
             yield Broken(("factors", i, "changes"), "a key of a table that the stimulus without a material has")
         for path, own in places:
-            if own.get(path[-1]) is not None:
+            if own.get(str(path[-1])) is not None:
                 allowed = f"no value: the factor '{factor.id}' sets it"
                 yield Broken((*place, *path), allowed)
 
@@ -216,7 +216,7 @@ def stated(place: Place, document: Table) -> Place:
             return ("factors",)
         case (str(one), str(other), int(i), *rest) if (one, other) == (table, key):
             if i < others:
-                return (table, key, i + (i >= int(at)), *rest)
+                return (table, key, i + (i >= at), *rest)
             names = [part for part in rest if isinstance(part, str)]
             for k, factor in enumerate(_read(document)):
                 path = factor.changes.split(".")

@@ -198,3 +198,18 @@ def test_a_new_file_ends_in_toml_and_stands_in_nobodys_way(tmp_path: Path, refus
     (tmp_path / "mystudy.toml").symlink_to(tmp_path / "nowhere")
     with refuses(PalpateError):
         new.free(tmp_path / "mystudy")
+
+
+def test_a_copy_may_have_other_values_of_factors(refuses: Refuses) -> None:
+    timing = files.shipped("timing.toml")
+    changed = models.Changes(values=models.values(["delay=-20,0,15.5"]))
+    (delay,) = tomllib.loads(models.copied(timing, "mine", changed=changed))["factors"]
+    assert delay["values"] == [-20.0, 0.0, 15.5]
+    assert "names" not in delay
+    with refuses(PalpateError):
+        models.copied(timing, "mine", changed=models.Changes(values={"pitch": (1.0, 2.0)}))
+
+
+def test_values_of_a_factor_are_numbers(refuses: Refuses) -> None:
+    with refuses(PalpateError):
+        models.values(["delay=soon"])

@@ -14,6 +14,7 @@ from palpate.experiment.rehearsal.kinds.tapping.surfaces import (
     felt_hz,
     frequencies_hz,
     generic,
+    mixed,
     rings,
     virtual_hardness,
 )
@@ -73,3 +74,8 @@ def test_other_materials_ring_generically_in_their_order_and_that_is_said(approv
     assert found[0] < found[1] < found[2]
     assert "fitted to Table 3" in generic(SURFACES)
     assert generic(["basswood", "felt"]) == approved
+
+
+def test_materials_without_an_order_are_as_stiff_whatever_their_order_in_the_file() -> None:
+    assert mixed(["felt", "cork", "tin"]) == mixed(["tin", "felt", "cork"])
+    assert sorted(mixed(["felt", "cork", "tin"])) == ["cork", "felt", "tin"]
