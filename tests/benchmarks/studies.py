@@ -106,7 +106,7 @@ def harder(studies: int) -> None:
         got = factored(Comparisons(first, second, chosen, person, len(names)), names, numbers)
         assert got is not None
         assert got.apart is not None
-        found.append([*(one.doubling for one in got.factors), got.apart])
+        found.append([*(one.doubling for one in got.factors if one.doubling is not None), got.apart])
     print("harder.toml,studies,participants,true,mean,SD,holds %")
     for place, name in enumerate((*SLOPES, "the first beyond the second")):
         own = [one[place] for one in found]

@@ -47,7 +47,7 @@ class Factor(Confined):
     """What stimuli differ in. Each value is crossed with each of the other factors', into a material of its own.
 
     One stimulus, or one surface, names no material: each combination is made from it. A material is named after its
-    values, such as `60 Hz, 2 m/s^2`. Others may stand beside these in `[[materials]]`, with a stimulus each.
+    values, such as `60 Hz at 2 m/s^2`. Others may stand beside these in `[[materials]]`, with a stimulus each.
 
     Attributes:
         id: its name in tables of results.
@@ -90,7 +90,7 @@ Factors = tuple[Factor, ...]
 def _materials(factors: Factors) -> dict[str, tuple[int, ...]]:
     """Return the name of each combination, the last factor fastest, with the places of its values."""
     every = product(*(range(len(one.values)) for one in factors))
-    return {", ".join(of.called[i] for of, i in zip(factors, places, strict=True)): places for places in every}
+    return {" at ".join(of.called[i] for of, i in zip(factors, places, strict=True)): places for places in every}
 
 
 def crossed(protocol: Protocol) -> dict[str, dict[str, float]]:

@@ -107,13 +107,13 @@ def test_options_answer_every_question_without_a_terminal(
         ),
         (
             ["--like", "okamoto2012", "--repetitions", "3"],
-            "allowed: --id, --title, --participants, --answers and --recording; change anything else",
+            "allowed: --id, --title, --participants, --answers, --recording and --factor; change anything else",
         ),
         (["--like", "okamoto2012", "--id", "okamoto2012"], "got the id 'okamoto2012'; allowed: another"),
         (["--like", "none.toml"], "none.toml"),
         (["--like", "presented", "--kind", "presented"], "allowed: one of them"),
         (["--kind", "tapping", "--design", "rating"], "allowed: one of: footstep identification, presented"),
-        (["--answers", "keys"], "got --answers or --recording for footsteps"),
+        (["--answers", "keys"], "got --answers, --recording or --factor for footsteps"),
         (["--kind", "presented", "--recording", "none.wav"], "allowed: a WAV file"),
     ],
 )

@@ -41,10 +41,11 @@ def test_each_value_of_a_factor_meets_each_of_the_others() -> None:
     protocol = load(shipped("harder.toml"))
     # Names stand in records and seals: they are the same in every version.
     assert [one.id for one in protocol.materials] == [
-        "60 Hz, 2 m/s^2", "60 Hz, 4 m/s^2", "60 Hz, 8 m/s^2", "120 Hz, 2 m/s^2", "120 Hz, 4 m/s^2", "120 Hz, 8 m/s^2",
-        "240 Hz, 2 m/s^2", "240 Hz, 4 m/s^2", "240 Hz, 8 m/s^2",
+        "60 Hz at 2 m/s^2", "60 Hz at 4 m/s^2", "60 Hz at 8 m/s^2",
+        "120 Hz at 2 m/s^2", "120 Hz at 4 m/s^2", "120 Hz at 8 m/s^2",
+        "240 Hz at 2 m/s^2", "240 Hz at 4 m/s^2", "240 Hz at 8 m/s^2",
     ]  # fmt: skip
-    assert crossed(protocol)["120 Hz, 8 m/s^2"] == {"frequency": 120.0, "amplitude": 8.0}
+    assert crossed(protocol)["120 Hz at 8 m/s^2"] == {"frequency": 120.0, "amplitude": 8.0}
     made = protocol.table(Presented).numbers
     assert {(of["frequency_hz"], of["amplitude_m_s2"], of["decay_per_s"]) for of in made.values()} == {
         (hz, m_s2, 100.0) for hz in (60.0, 120.0, 240.0) for m_s2 in (2.0, 4.0, 8.0)
@@ -79,7 +80,7 @@ def test_the_canonical_form_has_factors_and_what_they_make() -> None:
     protocol = read(tables())
     assert ProtocolFile.model_validate_json(protocol.model_dump_json()) == protocol
     assert b'"factors":[{"changes":"decaying.frequency_hz"' in canonical(protocol)
-    assert canonical(protocol).count(b"240 Hz, 4 m/s^2") == 2
+    assert canonical(protocol).count(b"240 Hz at 4 m/s^2") == 2
     other = read(changed(tables(), (*AMPLITUDE, "values"), (2.0, 4.0, 7.0)))
     assert canonical(other) != canonical(protocol)
 

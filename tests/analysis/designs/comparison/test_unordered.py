@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from palpate.analysis.designs.comparison import results, sections
+from palpate.analysis.designs.comparison import NEIGHBORS, PEOPLE, VALUES, results, sections
 from palpate.analysis.designs.comparison.unordered import times_named
 from palpate.analysis.export import DICTIONARY, files
 from palpate.analysis.power.comparisons import Observers, ranked
@@ -64,7 +64,7 @@ def test_no_table_says_that_a_choice_was_right(study: Study) -> None:
     assert not found.ordered
     tables = [table for section in sections(study, found, None) for table in section.tables]
     headings = {heading for table in tables for heading in table.header}
-    assert headings.isdisjoint({"neighbours", "right, of two materials", "above the one before"})
+    assert headings.isdisjoint(one.heading for one in (NEIGHBORS[1], PEOPLE[1], VALUES[3]))
     assert not any("right" in table.title for table in tables)
 
 
