@@ -2,7 +2,8 @@
 
 `trials.csv` has a row for each attempt, `long.csv` counts for R, `wide.csv` a row for each participant for JASP,
 `psychopy.csv` PsychoPy's columns; `pairs.csv` counts ordered pairs, `heard.csv` has what an accelerometer
-heard. UTF-8 with commas; NA is missing, or empty for PsychoPy.
+heard. Attempts of controls are in `control.csv`, and not in `trials.csv` or counts. UTF-8 with commas; NA is missing,
+or empty for PsychoPy.
 """
 
 import json
@@ -13,6 +14,7 @@ from typing import Any
 import pandas as pd
 
 from palpate.analysis import designs
+from palpate.analysis.conditions.control import apart
 from palpate.analysis.documents.output import check, publish
 from palpate.analysis.documents.tables import cell
 from palpate.analysis.reading.dataset import FURTHER, MISSING, read_pooled
@@ -20,7 +22,7 @@ from palpate.analysis.reading.study import Study
 from palpate.experiment.records import events
 from palpate.experiment.synthesis.noticing import THIRDS_HZ
 
-DICTIONARY, HEARD = "data_dictionary.csv", "heard.csv"
+DICTIONARY, HEARD, CONTROL = "data_dictionary.csv", "heard.csv", "control.csv"
 OF_ATTEMPTS = ("dataset", "participant", "task", "trial", "attempt", "counted", "included")
 PRESENTED = ("presented", "first", "second")
 """Columns that name a material of a trial."""
@@ -54,8 +56,14 @@ def files(study: Study) -> dict[str, bytes]:
         included=frame["included"].astype(int),
     )
     design = designs.design_of(study)
-    frames, further = design.export(study, frame, _exclusions(study))
+    rest, controls = apart(study)
+    own = frame["task"].isin({one.task for one in controls})
+    frames, further = design.export(rest, frame[~own].copy(), _exclusions(study))
     columns = columns_of(design.name)
+    if controls:
+        every, _ = design.export(study, frame.copy(), _exclusions(study))
+        frames = {**frames, CONTROL: every["trials.csv"][own]}
+        columns[CONTROL] = columns["trials.csv"]
     heard = frame[frame["heard_thirds"].notna() & frame["sent_thirds"].notna()]
     if not heard.empty:
         levels = pd.concat([pd.DataFrame(heard[of].tolist(), heard.index, _thirds(of)) for of in THIRDS], axis=1)

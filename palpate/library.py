@@ -71,7 +71,7 @@ def read(dataset: PathLike, *others: PathLike) -> Study:
 
 
 def identify(study: Study | PathLike) -> Results:
-    """Analyze the answers of an identification study: Tables 1 and 2, their tests and models.
+    """Analyze the answers of an identification study, without its controls: Tables 1 and 2, their tests and models.
 
     Parameters
     ----------
@@ -431,8 +431,9 @@ def contact(
 
 def _results(study: Study | PathLike, design: str) -> Any:
     from palpate.analysis import designs, published
+    from palpate.analysis.conditions import control
     from palpate.analysis.reading.study import Study
 
-    given = study if isinstance(study, Study) else read(study)
+    given, _ = control.apart(study if isinstance(study, Study) else read(study))
     designs.check_design(given, design)
     return designs.named(design).compute(given, published.load(given.id), None)

@@ -268,9 +268,14 @@ def prepare(protocol: Protocol, model: str, alpha: float | None = None) -> tuple
         if len(values) > 2:
             got, remedy = f"a fact of {len(values)} values", "plan one of two values, or simulate it on your own"
             raise PowerError(f"analysis[{place}].groups", got, remedy, allowed="two values, for groups of one size")
+    protocol = _without_controls(protocol)
     chosen = find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)
     return design(protocol, printed.pairs() if printed else {}, alpha), chosen
+
+
+def _without_controls(protocol: Protocol) -> Protocol:
+    return protocol.model_copy(update={"tasks": tuple(one for one in protocol.tasks if one.control is None)})
 
 
 Runner = Callable[
@@ -299,7 +304,7 @@ def run(
     """
     sizes = tuple(sorted(set(participants)))
     _check(sizes, studies, target, planned)
-    models: dict[Kind, Model] = {"model": model, "guessing": model.control(protocol)}
+    models: dict[Kind, Model] = {"model": model, "guessing": model.control(_without_controls(protocol))}
     chunks = list(_chunks(planned, models, sizes, studies, seed))
     total(len(chunks))
     done: dict[int, dict[Question, Tally]] = {}

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
+import palpate as library
 from palpate.analysis.analyse import analyse
 from palpate.analysis.conditions.control import Controlled, apart
+from palpate.analysis.export import CONTROL, files
+from palpate.analysis.power import simulate
 from palpate.analysis.reading.dataset import read
 from palpate.experiment import storage
+from palpate.experiment.protocol import files as protocols
 from palpate.experiment.protocol import new
+from palpate.experiment.protocol.files import shipped
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
 MANY = 15
@@ -80,3 +88,30 @@ def test_a_study_of_a_control_alone_is_left_as_it_is(tmp_path: Path) -> None:
     study.attempts.loc[study.attempts["task"] == "virtual", "included"] = False
     rest, controls = apart(study)
     assert (rest, controls) == (study, ())
+
+
+def test_a_control_is_apart_in_a_notebook_in_exported_tables_and_in_power(tmp_path: Path) -> None:
+    root = dataset(tmp_path / "data", [8] * 3)
+    assert set(library.identify(read(root)).to_frame()["task"]) == {"virtual"}
+    assert set(read(root).attempts["task"]) == {"virtual", "control"}
+    exported = {name: pd.read_csv(io.BytesIO(content)) for name, content in files(read(root)).items()}
+    assert set(exported[CONTROL]["task"]) == {"control"}
+    assert exported[CONTROL]["correct"].sum() == 24
+    assert list(exported[CONTROL]) == list(exported["trials.csv"])
+    assert set(exported["trials.csv"]["task"]) == set(exported["long.csv"]["task"]) == {"virtual"}
+    assert not [name for name in exported["wide.csv"] if name.startswith("control")]
+    file = tmp_path / "study.toml"
+    file.write_text(new.controlled(shipped("okamoto2012.toml").read_text("utf-8")), "utf-8")
+    planned, model = simulate.prepare(protocols.load(file), "okamoto2012")
+    assert [task.id for task in planned.tasks] == ["virtual", "real"]
+    found_by = simulate.run(
+        protocols.load(file),
+        planned,
+        model,
+        participants=[4],
+        studies=2,
+        seed=1,
+        target=0.8,
+        runner=partial(simulate.on_cores, jobs=1),
+    )
+    assert {row.kind for row in found_by.rows} == {"model", "guessing"}
