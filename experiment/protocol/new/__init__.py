@@ -178,11 +178,30 @@ def controlled(text: str) -> str:
     made = tomlkit.parse(tomlkit.dumps({"tasks": [virtual[0].unwrap()]}))["tasks"][0]
     table = {"of": made["id"], "arrangement": ARRANGEMENT}
     made.update({"id": "control", "title": f"Control of {made['title']}", "control": table})
-    document["tasks"].append(made)
+    lines, place = text.splitlines(keepends=True), _after_tasks(text)
+    lines[place:place] = ["\n", tomlkit.dumps({"tasks": [made.unwrap()]}).rstrip(), "\n"]
+    document = tomlkit.parse("".join(lines))
+    if "duration" in document:
+        trials = made["repetitions"] * len(made.get("materials", document["materials"]))
+        ends = zip(("shortest_min", "longest_min"), ("min_s", "max_s"), SECONDS_A_TRIAL, strict=True)
+        for key, familiar, each_s in ends:
+            more_s = made.get("familiarisation", {}).get(familiar, 0) + trials * each_s
+            document["duration"][key] += _in_fives((more_s + document["task_order"]["break_min_s"]) / 60)
     document["format"] = max(get_args(ProtocolFile.model_fields["format"].annotation))
     written = tomlkit.dumps(document)
     check(written)
     return written
+
+
+def _after_tasks(text: str) -> int:
+    """Return the line where another task goes: after the last one, before the comment of what follows."""
+    lines = text.splitlines()
+    heads = [number for number, line in enumerate(lines) if line.startswith("[")]
+    last = max(place for place, number in enumerate(heads) if lines[number].startswith(("[[tasks", "[tasks")))
+    place = [*heads, len(lines)][last + 1]
+    while place and (not lines[place - 1].strip() or lines[place - 1].startswith("#")):
+        place -= 1
+    return place
 
 
 ARRANGEMENT = (

@@ -18,10 +18,17 @@ STUDY = new.controlled(new.text(new.NewStudy()))
 
 
 def test_a_control_is_as_its_task_but_for_id_title_and_arrangement(tmp_path: Path) -> None:
-    for text in (STUDY, new.controlled(shipped("okamoto2012.toml").read_text("utf-8"))):
-        (tmp_path / "study.toml").write_text(text, "utf-8")
+    for text in (new.text(new.NewStudy()), shipped("okamoto2012.toml").read_text("utf-8")):
+        (tmp_path / "before.toml").write_text(text, "utf-8")
+        (tmp_path / "study.toml").write_text(new.controlled(text), "utf-8")
         made = files.load(tmp_path / "study.toml")
         first, own = made.task("virtual"), made.task("control")
+        before = files.load(tmp_path / "before.toml")
+        assert made.duration is not None
+        assert before.duration is not None
+        # 40 trials of 25 to 50 s (16.7 to 33.3 min), 3 to 5 min of familiarisation, a break of 5: in fives.
+        assert made.duration.shortest_min - before.duration.shortest_min == 25
+        assert made.duration.longest_min - before.duration.longest_min == 45
         assert own.control is not None
         assert (own.control.of, own.control.margin) == ("virtual", 0.1)
         assert first.model_copy(update={"id": "control", "title": own.title, "control": own.control}) == own
