@@ -211,9 +211,7 @@ class _Visit:
                 f"{planned.masker.capitalize()} noise is played by other means than the rig, at no more than "
                 f"{protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: {protocol.masker.criterion}"
             )
-        used: Path | None = None
-        if planned.synthesis and self.recordings is not None:
-            used = _keep_recordings(root, self.recordings)
+        used = _keep_recordings(root, self.recordings) if planned.synthesis and self.recordings else None
         # Whoever runs the participant elsewhere is told of before anything is opened or asked.
         theirs = storage.participant_folder(root, participant)
         journal.check_free(theirs, participant)
@@ -292,10 +290,8 @@ class _Visit:
         name = f", {kept.name}" if kept is not None and kept.name else ""
         text = f"Is the person in front of you participant {who}{name}? {consent}{so_far}"
         if self.console.ask(Agree(text, "yes, go on", "no, leave")).key != YES:
-            raise Interrupted(
-                f"the person in front of you is not participant {who}; nothing was begun",
-                remedy="look up their label, and give it with --participant",
-            )
+            remedy = "look up their label, and give it with --participant"
+            raise Interrupted(f"the person in front of you is not participant {who}; nothing was begun", remedy=remedy)
         self._identity = Visited(step="identity", text=f"participant {who}, as the experimenter confirmed")
 
     def _admitted(self, task_id: str) -> Admission:
@@ -415,11 +411,12 @@ def _is_complete(root: Path, participant: str, task_id: str) -> bool:
 
 
 def _is_over(root: Path, protocol_file: Path, allocation: Allocation, task_id: str, today: date) -> bool:
-    """Return whether a task is complete, or its session was ended by an amendment."""
+    """Return whether a task is complete, has a session under a wrong label, or was ended by an amendment."""
     known = roster.Roster.load(storage.roster_path(root))
     approved = known.approvals(approvals.read_first(root, protocol_file))
     ended = approval_for(root, allocation, task_id, approved, known.known_day(today)) is None
-    return ended or _is_complete(root, allocation.participant, task_id)
+    who = allocation.participant
+    return ended or known.label_of(who, task_id) != who or _is_complete(root, who, task_id)
 
 
 def _check_turn(root: Path, protocol_file: Path, allocation: Allocation, task_id: str, today: date) -> None:
@@ -429,11 +426,12 @@ def _check_turn(root: Path, protocol_file: Path, allocation: Allocation, task_id
         raise RosterError(
             f"participant {who} does not do task '{task_id}'", remedy="name one of these", allowed=", ".join(tasks)
         )
+    if (label := roster.Roster.load(storage.roster_path(root)).label_of(who, task_id)) not in (who, None):
+        raise RosterError(f"participant {who} did task '{task_id}' under the label {label}", remedy="name another task")
     for earlier in tasks[: tasks.index(task_id)]:
         if not _is_over(root, protocol_file, allocation, earlier, today):
-            raise RosterError(
-                f"participant {who} does task '{earlier}' before '{task_id}'", remedy="run that one first"
-            )
+            what = f"participant {who} does task '{earlier}' before '{task_id}'"
+            raise RosterError(what, remedy="run that one first")
 
 
 def _judge_rig(
@@ -466,9 +464,7 @@ def _wait_for_break(
     root: Path, protocol: Protocol, allocation: Allocation, task_id: str, clock: Clock, console: Console
 ) -> None:
     """Let the protocol's break pass since the participant's other tasks."""
-    for other in allocation.tasks:
-        if other == task_id:
-            continue
+    for other in (one for one in allocation.tasks if one != task_id):
         before = journal.read_if_begun(storage.journal_path(root, allocation.participant, other))
         if not before.lines:
             continue

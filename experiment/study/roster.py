@@ -322,6 +322,11 @@ class Roster:
         told = [one.took_part.people for one in self.incidents if one.took_part is not None]
         return {session: person for own in told for session, person in own.items()}
 
+    def label_of(self, participant: str, task: str) -> str | None:
+        """Return the label that a participant's session of a task has, None where their own has another's."""
+        own = (one for (one, of), person in self.took_part.items() if (of, person) == (task, participant))
+        return next(own, None if (participant, task) in self.took_part else participant)
+
     def approvals(self, first: Approved) -> Approvals:
         """Return all approvals as these lines have them, with the `first`, which has no line."""
         return Approvals((first, *self.approved), tuple(self.stopped))

@@ -45,7 +45,7 @@ def withdraw(
         if erase:
             _erase(root, known, participant)
         else:
-            _mark(root, participant, reason)
+            _mark(root, known, participant, reason)
         if erase or storage.journals(root):
             try:
                 rebuild(root)
@@ -76,12 +76,15 @@ def count_recorded(protocol_file: Path, participant: str, *, root: Path | None) 
     return len(paths), sum(storage.read_bytes(path).count(b'"kind":"answer"') for path in paths)
 
 
-def _mark(root: Path, participant: str, reason: str) -> None:
-    """Leave the withdrawal in the participant's journals, or in a file of its own while they have none."""
+def _mark(root: Path, roster: Roster, participant: str, reason: str) -> None:
+    """Leave the withdrawal in the participant's journals, or in a file of its own if a journal is another's or none."""
+    whose = roster.took_part.items()
+    others = {storage.journal_path(root, who, task) for (who, task), person in whose if who == participant != person}
     begun = [
         (path, contents)
         for path in storage.journals(root)
-        if path.parent == storage.participant_folder(root, participant) and (contents := journal.read(path)).lines
+        if path.parent == storage.participant_folder(root, participant)
+        if path not in others and (contents := journal.read(path)).lines
     ]
     for path, contents in begun:
         # Opening it brings up a head that a kill left one line behind.
@@ -89,7 +92,7 @@ def _mark(root: Path, participant: str, reason: str) -> None:
             if not isinstance(contents.entries[-1], Withdrawal):
                 torn = contents.torn.decode("utf-8", "backslashreplace")
                 opened.append(Withdrawal(reason=reason, torn=torn))
-    if not begun:
+    if others or not begun:
         _mark_apart(root, participant, reason)
 
 

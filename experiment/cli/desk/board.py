@@ -1,7 +1,7 @@
 """What a study's board decides and has to be told, at the desk."""
 
 from palpate.experiment.cli.desk.study import Study, as_findings, day_field, deed, one_of
-from palpate.experiment.desk.console.home import Deed, Field
+from palpate.experiment.desk.console.home import NO, Deed, Field
 from palpate.experiment.errors import Finding
 from palpate.experiment.protocol import approval
 from palpate.experiment.study import amendment, approvals
@@ -59,8 +59,11 @@ def incident(study: Study) -> Deed:
         day_field("Happened on", "--on", str(study.today)),
         day_field("Board told on", "--informed-on", wanted=False),
         Field("Participant", "--participant", wanted=False),
+        Field("Took part", "--took-part", wanted=False),
+        Field("Exchanged", "--exchanged", NO, flag=True),
     )
     hint = "Fill in one of the first two, without names. The journal of the participant's latest session notes it."
+    hint += " Took part: TASK=LABEL of whoever did that session. Exchanged: each of the two under the other's label."
     return _of_begun(study, "incident", "incident", fields, hint)
 
 

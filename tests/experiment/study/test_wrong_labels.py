@@ -8,12 +8,19 @@ import pytest
 
 import palpate as library
 from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, verify
 from palpate.experiment.errors import DatasetError, RosterError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Withdrawal
+from palpate.experiment.session import run
 from palpate.experiment.study import withdrawal
 from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.experiment.session.scripted import START_NS, ScriptedConsole
 from tests.faults.wrong import copied
 
 SAID = ("--deviation", "The wrong label was typed.", "--done", "The roster says whose session it is.")
@@ -75,6 +82,8 @@ def test_data_of_somebody_who_takes_part_are_not_erased_with_a_label(study: Made
             withdraw(study, who, erase=True)
     assert study.journal().exists()
     withdraw(study, "01")
+    assert not any(isinstance(entry, Withdrawal) for entry in journal.read(study.journal()).entries)
+    assert verify.verify(study.root).refused == 0
     assert library.read(study.root).attempts["included"].any()
     withdraw(study, "02")
     withdraw(study, "01", erase=True)
@@ -98,3 +107,20 @@ def test_a_list_of_persons_that_cannot_be_read_is_refused(study: MadeStudy, told
     storage.write_json(path, known)
     with pytest.raises(DatasetError):
         library.read(study.root)
+
+
+def test_who_did_a_task_under_another_label_does_it_no_second_time(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = study.tasks[0].tasks
+    assert study.tasks[1].tasks == (second, first)
+    assert tell(palpate, study, "01", "02") == 0
+    roster = Roster.load(storage.roster_path(study.root))
+    assert [roster.label_of(who, first) for who in ("01", "02")] == [None, "01"]
+    assert [roster.label_of(who, second) for who in ("01", "02")] == ["01", "02"]
+    rig_file = shipped("rigs/rehearsal.toml")
+    monkeypatch.setattr(run, "usable_rig", lambda *_: rigs.load(rig_file))
+    console = ScriptedConsole(ManualClock(START_NS), "")
+    with pytest.raises(RosterError) as refused:
+        run.prepare(study.file, rig_file, "02", first, study.root, None, console)
+    assert "01" in refused.value.sentence()
