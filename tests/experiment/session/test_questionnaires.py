@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
 import shutil
+import signal
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import replace
@@ -63,12 +65,14 @@ def run(
     participant: str = "01",
     rig_file: Path = RIG,
 ) -> list[str]:
-    """Run a task with questionnaires, or the rest of it; return what is left of what is typed; `|` pauses there."""
+    """Run a task with questionnaires, or the rest; return what is left to type; `|` pauses there, `!` kills."""
     left, clock = deque(typed), ManualClock(START_NS)
 
     def write() -> Reply:
         if (text := left.popleft() if left else "") == "|":
             raise PauseAsked("by the experimenter")
+        if text == "!":
+            os.kill(os.getpid(), signal.SIGKILL)
         return Reply(text=text)
 
     console = ScriptedConsole(clock, keys)
@@ -111,6 +115,19 @@ def test_a_pause_at_any_item_asks_that_one_again_and_none_twice(study: MadeStudy
     last = journal.read(storage.journal_path(study.root, "01", "virtual")).entries[-1]
     assert isinstance(last, Footer)
     assert last.reason == "complete"
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.parametrize("at", [0, 1, 2, 3])
+def test_a_kill_at_any_item_costs_that_one_alone(study: MadeStudy, at: int) -> None:
+    typed = ["3", "2", "10", "fine"]
+    if (child := os.fork()) == 0:
+        run(study, [*typed[:at], "!"])
+        os._exit(1)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+    assert len(answers(study)) == at
+    assert run(study, typed[at:], keys="capt" if at < 2 else "") == []
+    assert list(answers(study).values()) == [3, "sandals", 10, "fine"]
 
 
 def test_the_table_has_units_and_levels_and_is_remade_as_the_journals_say(study: MadeStudy) -> None:
