@@ -141,7 +141,7 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
         study=protocol.study.id,
         name=protocol.study.title,
         origin=origin,
-        license="CC0-1.0" if simulated else "n/a: ask the laboratory",
+        license="n/a: ask the laboratory",
         authors=("palpate, simulated",) if simulated else ("The laboratory named in the protocol",),
         tasks=tuple(task.id for task in protocol.tasks),
         references=(protocol.study.source,),

@@ -159,7 +159,7 @@ class TerminalConsole(_Lines):
         """Return the reply to a question, asked until it is one."""
         remarks = isinstance(question, questions.TrialAnswer | questions.Debrief)
         trial_now = question.trial if isinstance(question, questions.TrialAnswer) else None
-        heading = self._heading if trial_now is None else f"{self._heading}, trial {trial_now}"
+        heading = self._heading if trial_now is None else f"{self._heading}  Trial {trial_now}."
         typed = {"" if one.key == ENTER else one.key: one for one in question.choices}
         offered = "  ".join(f"[{key or 'Enter'}] {one.words}" for key, one in typed.items())
         or_remark = f"  or: {REMARKS}" if remarks else ""

@@ -273,12 +273,9 @@ def paused(dataset: Path, participant: str, tasks: Sequence[str], task_id: str, 
 def record_incident(
     protocol: Protocol, dataset: Path, header: entries.Header, told: TellIncident
 ) -> tuple[entries.Note | None, str]:
-    """Put an incident into the roster; return the note that leads to it, None if it was refused, and what to reply.
-
-    Practice has no roster, and its note says all.
-    """
+    """Put an incident into the roster; practice has none. Return its note, None if it was refused, and a reply."""
     if header.purpose not in ("STUDY", "PILOT"):
-        text = f"{told.sort.capitalize()}: {told.text} Done: {told.done}"
+        text = f"{told.sort.capitalize()}: {told.text.rstrip('.')}. Done: {told.done}"
         return entries.Note(trial=told.trial, text=text), "It is noted; practice has no roster."
     incidents = import_module("palpate.experiment.study.people.incidents")
     try:
@@ -286,7 +283,8 @@ def record_incident(
     except RosterError as refused:
         return None, refused.sentence()
     text = f"{made.kind} {made.number} of the roster"
-    words = f"It is {text}. Tell of the board with: palpate incident PROTOCOL --number {made.number} --informed-on DAY"
+    inform = f"palpate incident PROTOCOL --number {made.number} --informed-on DAY"
+    words = f"Recorded as {text}. Once the board is informed: {inform}"
     return entries.Note(trial=told.trial, text=f"{text[:1].upper()}{text[1:]}."), words
 
 

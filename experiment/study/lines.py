@@ -48,7 +48,8 @@ class Incident(Entry):
     def sentence(self) -> str:
         """All of it in words."""
         board = f"board informed on {self.informed_on}" if self.informed_on else "the board is not informed yet"
-        return f"{self.kind.capitalize()} {self.number}, {self.happened_on}: {self.what} Done: {self.done} ({board})"
+        what = f"{self.what.rstrip('.')}. Done: {self.done}"
+        return f"{self.kind.capitalize()} {self.number}, {self.happened_on}: {what} ({board})"
 
 
 class Eligible(Entry):

@@ -217,10 +217,12 @@ def _chosen(dataset: Dataset, listed: Sequence[str]) -> tuple[list[str], dict[st
     mixed = {one for (label, _), person in roster.took_part.items() if label != person for one in (label, person)}
     reasons |= {label: reasons[label] or "session under another label" for label in mixed}
     chosen = [label for label in listed if not reasons[label]]
+    absent = dict(sorted(Counter(why for why in reasons.values() if why).items()))
     if not chosen:
-        remedy = Remedy("record who agrees: {}", ("palpate", "consent", "PROTOCOL", "-p", "LABEL", "--sharing"))
-        raise RosterError(roster.path, "nobody with a session has agreed to sharing", remedy)
-    return chosen, dict(sorted(Counter(why for why in reasons.values() if why).items()))
+        why = ", ".join(f"{reason}: {times}" for reason, times in absent.items())
+        remedy = Remedy("ask again, and record it: {}", ("palpate", "consent", "PROTOCOL", "-p", "LABEL", "--sharing"))
+        raise RosterError(roster.path, f"nobody with a session has agreed to this [sharing] ({why})", remedy)
+    return chosen, absent
 
 
 def _absent(roster: Roster, terms: str, label: str, listed: Sequence[str]) -> str:

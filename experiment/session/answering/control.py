@@ -21,7 +21,7 @@ def confirm(protocol: Protocol, task: Task, console: Console, log: Log) -> None:
         others = [one for one in protocol.tasks if one.control is not None and one.control.of == task.id]
         if not others:
             return
-        told = f"Task {task.id} is no control: nothing stands as it does for {', '.join(one.id for one in others)}."
+        told = f"Task {task.id} is not a control: the arrangement for {', '.join(one.id for one in others)} is removed."
     if console.ask(Agree(f"{told} Is this so?", "yes, it is so", "no, pause")).key != YES:
         raise PauseAsked("what a control needs is not as it should be")
     log.write(Note(trial=None, text=f"The experimenter confirmed: {' '.join(told.split())}"))
