@@ -99,7 +99,7 @@ def test_a_control_is_apart_in_a_notebook_in_exported_tables_and_in_power(tmp_pa
     assert exported[CONTROL]["correct"].sum() == 24
     assert list(exported[CONTROL]) == list(exported["trials.csv"])
     assert set(exported["trials.csv"]["task"]) == set(exported["long.csv"]["task"]) == {"virtual"}
-    assert not [name for name in exported["wide.csv"] if name.startswith("control")]
+    assert not [name for name in exported["wide.csv"] if str(name).startswith("control")]
     file = tmp_path / "study.toml"
     file.write_text(new.controlled(shipped("okamoto2012.toml").read_text("utf-8")), "utf-8")
     planned, model = simulate.prepare(protocols.load(file), "okamoto2012")

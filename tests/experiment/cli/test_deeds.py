@@ -227,9 +227,9 @@ def test_what_the_board_decides_and_is_told_goes_on_record(
     # The seal is that of the dataset, so that there is nothing to amend.
     assert scene.deed("amend").refuses
     assert {"suspend", "incident"} <= possible(scene)
-    _, *incident = scene.deed("incident").line(("a fall", "", "the session was ended", str(TODAY), "", "", "", "n"))
+    _, *incident = scene.deed("incident").line(("a fall", "", "the session was ended", str(TODAY), "", "", "", "no"))
     assert palpate(*incident)[0] == 0
-    _, *wrong = scene.deed("incident").line(("", "a label", "it is told", str(TODAY), "", "01", "real=02", "y"))
+    _, *wrong = scene.deed("incident").line(("", "a label", "it is told", str(TODAY), "", "01", "real=02", "yes"))
     assert wrong[-5:] == ["--participant", "01", "--took-part", "real=02", "--exchanged"]
     small.write_text(small.read_text("utf-8").replace("A small study", "A smaller study"), "utf-8")
     assert first(deeds.scene(Place.here()))["amend"] == "seal"
