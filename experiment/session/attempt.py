@@ -273,7 +273,8 @@ class Attempts:
             elif reply.key in further:
                 self.kind.press(reply.key)
             elif reply.key in question.answers and (lacking := self.kind.lacking()):
-                self.devices.console.tell(Notice(f"{lacking} No answer is taken before."))
+                redo_key = self.protocol.answers.redo_key
+                self.devices.console.tell(Notice(f"{lacking} [{redo_key}] does this trial again."))
             elif reply.by != "experimenter":
                 return reply, chosen_ns
             elif self.masking is None or not self.masking.change(reply.key):

@@ -100,6 +100,7 @@ class ServoProcess:
         self._state: ClockState | None = None
         self._speed = Rendered()
         self._waiting: Felt | None = None
+        self._touches: list[Touch] = []
         self._heard_ns: int | None = None
         self.counts: dict[str, int] = {}
         with theirs, tempfile.TemporaryFile(dir=host.IN_MEMORY) as pulse, host.elsewhere(), host.held_back():
@@ -167,7 +168,6 @@ class ServoProcess:
             self._heard_ns = None
             stood = f"its process stands still: it has said nothing for {silent_s:.1f} s"
             raise ServoError("servo", stood, "see what held the machine up")
-        touches: list[Touch] = []
         places: list[tuple[int, Pair]] = []
         for kind, content, sent_ns in heard:
             if kind == process.SAMPLES:
@@ -179,7 +179,7 @@ class ServoProcess:
                     self._state = clock_maps.step(last, newest_us, at_ns) if last else clock_maps.init(newest_us, at_ns)
                     places += self._orders.places(frames)
             elif kind == process.TOUCH:
-                touches.append(Touch(*process.TOUCHED.unpack(content)))
+                self._touches.append(Touch(*process.TOUCHED.unpack(content)))
             elif kind == process.FORCE:
                 later_ns = self._clock.now_ns() - monotonic_ns()
                 self._forces.append(cycles_of(content, later_ns=later_ns).tobytes())
@@ -197,6 +197,8 @@ class ServoProcess:
             return None
         for us, place_mm in places:
             self._speed, _ = rendering.step(None, self._speed, us, place_mm)
+        # A touch may have been heard without a sample: it follows its own.
+        touches, self._touches = self._touches, []
         return _felt(places, touches, self._state.map(), self._speed.speed_mm_s > self._orders.fastest_mm_s)
 
     def forces(self) -> bytes:

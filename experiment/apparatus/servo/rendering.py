@@ -3,8 +3,8 @@
 Places are heights above the face of the block at rest, and places along it, mm. Between samples the hand moves
 straight.
 
-The force is zero until the hand is outside of the block, after a sample that is not a number, comes `GAP_S` or more
-after the one before or no later than it, or is too far from it: a force that began inside would strike.
+The force is zero until the hand comes from outside of the block, after a sample that is not a number, comes `GAP_S` or
+more after the one before or no later than it, or is too far from it: a force that began inside would strike.
 """
 
 from __future__ import annotations
@@ -133,26 +133,28 @@ def step(
     hand_m = place_mm[0] * 1e-3, place_mm[1] * 1e-3
     if not (near and 0 < passed_us < GAP_S * 1e6):
         if not isfinite(place_mm[0] + place_mm[1]):
-            return Rendered(), ()
-        return Rendered(us, place_mm, since_us=us, since_mm=place_mm, seen=Seen(*hand_m)), ()
+            return Rendered(armed=at.armed), ()
+        return Rendered(us, place_mm, armed=at.armed, since_us=us, since_mm=place_mm, seen=Seen(*hand_m)), ()
     speed_mm_s, since_us, since_mm = at.speed_mm_s, at.since_us, at.since_mm
     if us - since_us >= SPEED_US:
         speed_mm_s = hypot(place_mm[0] - since_mm[0], place_mm[1] - since_mm[1]) / (us - since_us) * 1e6
         since_us, since_mm = us, place_mm
     armed = at.armed or place_mm[0] > AGAIN_MM
+    was_m = at.place_mm[0] * 1e-3, at.place_mm[1] * 1e-3
     dt_s, hand_m_s, seen = passed_us * 1e-6, None, at.seen
     if observer is not None and seen is not None:
+        was_m = seen[:2]
         seen = observer.step(seen, hand_m, dt_s, sent_n)
         hand_m, hand_m_s = seen[:2], seen[2:4]
     state, force_n = at.state, NO_FORCE
     touches: tuple[Touch, ...] = ()
     if block is None:
         state = None
-    elif state is None or (place_mm[0] > AWAY_MM and _has_moved(state)):
+    elif state is not None and place_mm[0] > AWAY_MM and _has_moved(state):
         state = _outside(block, hand_m)
-    else:
+    elif (begun := state or _outside(block, was_m)) is not None:
         try:
-            stepped = path.step((block,), state, hand_m=hand_m, dt_s=dt_s, hand_m_s=hand_m_s)
+            stepped = path.step((block,), begun, hand_m=hand_m, dt_s=dt_s, hand_m_s=hand_m_s)
         except SynthesisError:
             state = None
         else:

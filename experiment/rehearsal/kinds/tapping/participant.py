@@ -56,6 +56,9 @@ BEGINS_PART = 0.05
 FELT_TIMEOUT_S = 5.0
 """How long a vibration is waited for, and its entry in the journal, wall-clock time, s."""
 
+TAPS_AT_MOST = 3
+"""In real time a hand that feels nothing taps again, up to so often in all. Ours."""
+
 _LOOK_S = 0.0005
 
 
@@ -134,7 +137,20 @@ class SimulatedTapper(SimulatedPerson):
         """Tap the surface that lies there, and return how hard that felt, and its error in discriminations."""
         if fingers.panel is None:
             raise ActuatorError("the simulated fingers have no actuator", remedy="give a rig with one")
-        while fingers.panel.felt(0) is not None:
+        felt, left = self._once(fingers, fingers.panel, rng), TAPS_AT_MOST - 1
+        while felt is None and left and not self.clock.simulated:
+            felt, left = self._once(fingers, fingers.panel, rng), left - 1
+        weak = felt is None or np.abs(felt).max(initial=0.0) < THRESHOLD_M_S2
+        height_hz = None if felt is None or weak else surfaces.felt_hz(felt, fingers.rate_hz)
+        later = 0.0 if felt is None or weak else DISCRIMINATION * _silent_ms(felt, fingers.rate_hz) / LATER_MS
+        if not self._in_table_1:
+            return float(np.log(height_hz or 1.0)) + later, 1.0
+        hardness, error = surfaces.virtual_hardness(height_hz)
+        return DISCRIMINATION * hardness + later, error
+
+    def _once(self, fingers: Fingers, panel: Panel | CardPanel, rng: np.random.Generator) -> NDArray[np.float64] | None:
+        """Tap once, and return what was felt of it, m/s^2, shape (n,); None for nothing at all."""
+        while panel.felt(0) is not None:
             self.show("The participant felt a vibration of a tap that did not count")
         path = hand.tap(rng)
         if fingers.device is not None:
@@ -150,18 +166,12 @@ class SimulatedTapper(SimulatedPerson):
         stimuli = self.stimuli()
         fingers.foot.step(path, (begin_ns - fingers.powered_ns) // 1000)
         fingers.foot.finish()
-        felt = fingers.panel.felt(FELT_TIMEOUT_S)
+        felt = panel.felt(FELT_TIMEOUT_S)
         if felt is not None and self.clock.simulated and stimuli is not None:
             ends_s = time.monotonic() + FELT_TIMEOUT_S
             while self.stimuli() == stimuli and time.monotonic() < ends_s:
                 time.sleep(_LOOK_S)
-        weak = felt is None or np.abs(felt).max(initial=0.0) < THRESHOLD_M_S2
-        height_hz = None if felt is None or weak else surfaces.felt_hz(felt, fingers.rate_hz)
-        later = 0.0 if felt is None or weak else DISCRIMINATION * _silent_ms(felt, fingers.rate_hz) / LATER_MS
-        if not self._in_table_1:
-            return float(np.log(height_hz or 1.0)) + later, 1.0
-        hardness, error = surfaces.virtual_hardness(height_hz)
-        return DISCRIMINATION * hardness + later, error
+        return felt
 
 
 def _silent_ms(felt: NDArray[np.float64], rate_hz: int) -> float:

@@ -234,8 +234,9 @@ class VirtualSurfaces(Kind):
         self.lent.show(f"The {place} surface is there now.")
 
     def lacking(self) -> str:
-        left = self._untouched() if self.taps.renders else ""
-        return f"The participant has not tapped {left} yet." if left else ""
+        left, key = self._untouched() if self.taps.renders else "", self.lent.protocol.table(Tapping).switch_key
+        change = "" if PLACES[self._at] in left else f" ([{key}] changes to it)"
+        return f"No answer is taken before the participant taps {left}{change}." if left else ""
 
     def _untouched(self) -> str:
         left = [place for place in PLACES if place not in self.taps.touched]

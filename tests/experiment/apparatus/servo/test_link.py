@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import threading
 from math import inf
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.servo.link import ServoHere
-from palpate.experiment.apparatus.servo.process import Orders
-from palpate.experiment.apparatus.servo.rendering import FALLS_NS
+from palpate.experiment.apparatus.servo import link
+from palpate.experiment.apparatus.servo.link import ServoHere, ServoProcess
+from palpate.experiment.apparatus.servo.process import SAMPLES, TOUCH, TOUCHED, Line, Orders
+from palpate.experiment.apparatus.servo.rendering import FALLS_NS, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
-from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.apparatus.tracker.frames import Samples, encode
+from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import TrackerStopped
 from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
 from palpate.experiment.synthesis.contact.block import Block
@@ -97,3 +101,40 @@ def test_a_servo_that_is_stopped_ends_the_read_that_waits_for_the_hand() -> None
         reader.join()
         servo.close()
     assert felt == [None]
+
+
+class SpeakingProcess:
+    """What of `Popen` the servo uses, and the far end of its line."""
+
+    returncode = None
+
+    def __init__(self, _command: list[str], *, pass_fds: tuple[int, ...], **_how: Any) -> None:
+        self.line, self.sent = Line(socket.socket(fileno=os.dup(pass_fds[0]))), 0
+        self.sample()
+
+    def sample(self) -> None:
+        self.line.tell(SAMPLES, b"\0" + encode(self.sent, self.sent * 400, 1), 0)
+        self.sent += 1
+
+    def wait(self, _timeout_s: float) -> None:
+        """It has ended."""
+
+
+def test_a_touch_that_comes_without_a_sample_is_given_with_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The session reads between a sample and its touch, and again before the tracker sends more."""
+    monkeypatch.setattr("subprocess.Popen", SpeakingProcess)
+    monkeypatch.setattr(link, "ANSWERS_MS", 0.0)
+    orders = Orders("", 1, 2500, 2000, (0.0, 1.0), (0.0, 1.0), "", 100.0, 3.0, 2500, 175.0)
+    servo, touch = ServoProcess(orders, MonotonicClock()), Touch(300.0, 110.0, 110.0)
+    speaks = cast("SpeakingProcess", servo._process)
+    first = servo.read()
+    speaks.line.tell(TOUCH, TOUCHED.pack(*touch), 0)
+    alone = servo.read()
+    felt = []
+    for _ in range(2):
+        speaks.sample()
+        felt.append(servo.read())
+    speaks.line.close()
+    servo.close()
+    assert (first and first.touches, alone) == ((), None)
+    assert [one and one.touches for one in felt] == [(touch,), ()]

@@ -125,6 +125,22 @@ def test_a_hand_that_begins_inside_is_pushed_only_after_it_was_outside() -> None
     assert any(followed([-2.0, -1.0, 0.5, *falling(from_mm=0.5)])[0][-1])
 
 
+@pytest.mark.parametrize("last_mm", [0.01, 0.5])
+def test_a_hand_that_touches_in_the_sample_after_a_fault_is_pushed_and_counts(last_mm: float) -> None:
+    """A cycle came late, with nothing rendered of before: the path from the sample before begins outside."""
+    _, _, at = followed(falling(to_mm=last_mm))
+    at, touches = step(BLOCK, at.silent(), (at.us or 0) + DT_US, (-0.03, 0.0))
+    assert len(touches) == 1
+    assert at.force_n[0] > K * 0.03e-3
+
+
+@pytest.mark.parametrize("bad_mm", [nan, 1e300])
+def test_a_touch_counts_after_a_sample_that_cannot_be_near_the_face(bad_mm: float) -> None:
+    forces, touches, _ = followed([*falling(to_mm=0.5), bad_mm, *falling(from_mm=0.4)])
+    assert any(forces[-1])
+    assert len(touches) == 1
+
+
 def test_a_hand_that_trembles_inside_touches_once() -> None:
     """The damper lets go of a hand that goes back faster than K r / C, and catches it again."""
     trembling = [-0.2 + 0.05 * (-1) ** n for n in range(100)]

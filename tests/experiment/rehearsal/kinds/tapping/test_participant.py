@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Place, Proposed, TrialAnswer
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.rehearsal.kinds.tapping.participant import SimulatedTapper
+from palpate.experiment.rehearsal.kinds.tapping.participant import TAPS_AT_MOST, Fingers, SimulatedTapper
 from palpate.experiment.rehearsal.participant import Practised
 from tests.experiment.protocol.tapping import protocol
 from tests.experiment.session.scripted import ScriptedConsole
@@ -72,6 +77,21 @@ def test_what_feels_alike_takes_longer() -> None:
 def test_it_says_neither_only_where_that_is_allowed() -> None:
     assert {*said(tapper(protocol(tie_key="3")), "cork", "cork")} == {"1", "2", "3"}
     assert {*said(tapper(protocol()), "cork", "cork")} == {"1", "2"}
+
+
+@pytest.mark.parametrize("unfelt", [0, 1, TAPS_AT_MOST])
+def test_in_real_time_a_hand_that_feels_nothing_taps_again(unfelt: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only then does it ask for the other surface."""
+    clock = ManualClock(0)
+    monkeypatch.setattr(clock, "simulated", False)
+    reached: list[int] = []
+    foot: Any = SimpleNamespace(free_us=0, step=lambda _path, us: reached.append(us), finish=lambda: True)
+    vibration = np.sin(np.arange(800) * 0.3)
+    panel: Any = SimpleNamespace(felt=lambda s: vibration if s and len(reached) > unfelt else None)
+    one = tapper(clock=clock)
+    one.fingers = Fingers(foot, 0, panel, 16_000)
+    assert one.says(1)[0] == "s"
+    assert len(reached) == min(unfelt + 1, TAPS_AT_MOST)
 
 
 def test_who_practises_is_told_what_the_participant_says(approved: SnapshotAssertion) -> None:
