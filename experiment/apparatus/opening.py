@@ -13,7 +13,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Actuator, Buttons, Pedal, Tracker
 from palpate.experiment.apparatus.rig import REHEARSAL, AudioRig, Rig, needed, response_table, tracker_of
 from palpate.experiment.apparatus.tracker.settings import FRAMES
-from palpate.experiment.clock import Clock
+from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.errors import ActuatorError, Finding, Remedy, RigError, TrackerError
 from palpate.experiment.protocol.rules import Mode
 
@@ -231,6 +231,9 @@ def open_actuator(
     from palpate.experiment.apparatus.panel.conditioning import open_conditioner
 
     condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive, louder_db=louder_db)
+    if address is None and ":" in settings.driver:
+        own = import_module("palpate.experiment.apparatus.wires.own.actuator")
+        return cast("Actuator", own.DriverActuator(rig, condition, clock or MonotonicClock()))
     if where is not None:
         pcm = import_module("palpate.experiment.apparatus.panel.pcm").PcmActuator
         server = pcm(where, condition, rate_hz=settings.rate_hz, clock=clock)

@@ -22,7 +22,7 @@ from palpate.experiment.apparatus.wires.settings import LSL, TriggerRig
 from palpate.experiment.errors import ProtocolError, Remedy, RigError
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.settings import load as files
-from palpate.experiment.settings.load import ONE_LINE, Address, Broken, Confined, Line, Name, Rules, port_rules
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Name, Rules, driver_key, port_rules
 
 Table = TypeVar("Table", bound=Confined)
 
@@ -35,17 +35,20 @@ PLACES |= {"tracker": "port", "pedal": "port", "buttons": "port"}
 
 
 def _actuator_rules(table: Any) -> Iterator[Broken]:
-    """`pcm-tcp` needs `address`, `audio` has none.
+    """`audio` has no `address`, others need one; one's own need `output_v` or `output_m_s2`, unless with `shaping`.
 
     Either `full_scale_m_s2` or the table `shaping` is there, never both. `low_hz` and `high_hz` stand beside
     `full_scale_m_s2`, both or neither, and `high_hz` is greater. `inverse_ahead_ms` needs the table `measured`.
     """
     yield from port_rules(table)
-    driver, address = table.get("driver"), table.get("address")
-    if driver == "pcm-tcp" and address is None:
-        yield Broken(("address",), "host:port of its server, such as 127.0.0.1:4711")
-    elif driver == "audio" and address is not None:
+    sound, address = table.get("driver") == "audio", table.get("address")
+    if not sound and address is None:
+        yield Broken(("address",), "host:port of its server, such as 127.0.0.1:4711, or what your own driver opens")
+    elif sound and address is not None:
         yield Broken(("address",), "no address with driver 'audio': [audio] names the device")
+    outputs = [table[key] for key in ("output_v", "output_m_s2") if table.get(key) is not None]
+    if len(outputs) != (":" in str(table.get("driver")) and table.get("shaping") is None):
+        yield Broken(("output_v",), "output_v or output_m_s2 with a driver of your own, unless with [actuator.shaping]")
     takes = [key for key in ("full_scale_m_s2", "shaping") if table.get(key) is not None]
     if len(takes) != 1:
         either = "this key for a device that takes accelerations, the table [actuator.shaping] for one that takes volts"
@@ -126,8 +129,8 @@ class ActuatorRig(Confined):
     """What shakes the panel.
 
     Attributes:
-        driver: server of raw float32 samples, or audio channel.
-        address: of the server.
+        driver: server of raw float32 samples, audio channel, or a class of a module as the tracker's.
+        address: of the server, or what a driver of your own opens.
         rate_hz: sampling rate.
         full_scale_m_s2: acceleration of a sample of 1.0, if it takes accelerations.
         low_hz: lowest measured frequency of such a device.
@@ -136,12 +139,14 @@ class ActuatorRig(Confined):
         measured: the panel, as `palpate calibrate actuator` measured it.
         inverse_ahead_ms: use the inverse of the complex response instead of equation (7), starting this long before
             predicted contact.
+        output_v: what a sample of 1.0 is to a driver of your own that takes volts.
+        output_m_s2: the same for one that takes accelerations, whatever the panel was measured to do.
     """
 
     RULES: ClassVar[Rules] = _actuator_rules
 
-    driver: Literal["pcm-tcp", "audio"]
-    address: Address | None = None
+    driver: Annotated[str, driver_key("pcm-tcp", "audio"), ONE_LINE]
+    address: Line | None = None
     rate_hz: Annotated[int, Field(ge=1000, le=192_000)]
     full_scale_m_s2: Annotated[float, Field(gt=0, le=1000)] | None = None
     low_hz: Annotated[float, Field(ge=0)] | None = None
@@ -149,6 +154,8 @@ class ActuatorRig(Confined):
     shaping: ShapingRig | None = None
     measured: MeasuredRig | None = Field(None, json_schema_extra={"since": 4})
     inverse_ahead_ms: Annotated[float, Field(ge=0, le=50)] | None = Field(None, json_schema_extra={"since": 6})
+    output_v: Annotated[float, Field(gt=0, le=1000)] | None = Field(None, json_schema_extra={"since": 6})
+    output_m_s2: Annotated[float, Field(gt=0, le=1000)] | None = Field(None, json_schema_extra={"since": 6})
 
     @property
     def full_scale(self) -> float:
@@ -165,36 +172,40 @@ class ActuatorRig(Confined):
 
 
 def _accelerometer_rules(table: Any) -> Iterator[Broken]:
-    """`trigger_m_s2` is less than `full_scale_m_s2`."""
+    """`trigger_m_s2` is less than `full_scale_m_s2`; `full_scale_v` is for a driver of one's own."""
     yield from port_rules(table)
     full_scale, trigger = table.get("full_scale_m_s2"), table.get("trigger_m_s2")
     if isinstance(full_scale, int | float) and isinstance(trigger, int | float) and trigger >= full_scale:
         yield Broken(("trigger_m_s2",), f"less than full_scale_m_s2 ({full_scale})")
+    if table.get("full_scale_v") is not None and ":" not in str(table.get("driver")):
+        yield Broken(("full_scale_v",), "no such key but with a driver of your own")
 
 
 class AccelerometerRig(Confined):
     """What measures the panel.
 
     Attributes:
-        driver: server of raw float32 samples without end.
-        address: its address.
+        driver: server of raw float32 samples without end, or a class of a module as the tracker's.
+        address: of the server, or what a driver of your own opens.
         rate_hz: that of the protocol's recordings.
         full_scale_m_s2: acceleration of a sample of 1.0.
         trigger_m_s2: a take begins here: above the noise at rest.
         stays: false if it leaves the panel: sessions then neither compare nor listen, and the measurement counts for
             30 days at most.
         calibrated_on: of `full_scale_m_s2`; a real rig needs it to calibrate the actuator.
+        full_scale_v: voltage at `full_scale_m_s2`, for a driver of your own that reads volts.
     """
 
     RULES: ClassVar[Rules] = _accelerometer_rules
 
-    driver: Literal["pcm-tcp"]
-    address: Address
+    driver: Annotated[str, driver_key("pcm-tcp"), ONE_LINE]
+    address: Line
     rate_hz: Annotated[int, Field(ge=100, le=192_000)]
     full_scale_m_s2: Annotated[float, Field(gt=0, le=10_000)]
     trigger_m_s2: Annotated[float, Field(gt=0)]
     stays: bool | None = Field(None, json_schema_extra={"since": 4})
     calibrated_on: date | None = Field(None, json_schema_extra={"since": 4})
+    full_scale_v: Annotated[float, Field(gt=0, le=1000)] | None = Field(None, json_schema_extra={"since": 6})
 
 
 def response_table(folder: Path, shaping: ShapingRig | MeasuredRig) -> bytes:
@@ -542,8 +553,9 @@ class Rig(Confined):
 
     @property
     def driver_files(self) -> tuple[Path, ...]:
-        """The files beside the rig file that contain a driver: the tracker's, then those of the trigger lines."""
-        drivers = [one.driver for one in (self.tracker, *(self.triggers or ())) if one is not None]
+        """The files beside the rig file that contain a driver: the tracker's, then those of others."""
+        tables = self.tracker, self.actuator, self.accelerometer, self.servo, *(self.triggers or ())
+        drivers = [one.driver for one in tables if one is not None]
         return tuple(dict.fromkeys(filter(None, map(self.driver_file, drivers))))
 
 
@@ -596,7 +608,7 @@ def sha256(rig: Rig) -> str:
     if own is not None:
         stated["tracker"]["driver_sha256"] = _driver_sha256(own)
     if others := [file for file in rig.driver_files if file != own]:
-        stated["trigger_drivers_sha256"] = {file.stem: _driver_sha256(file) for file in others}
+        stated["drivers_sha256"] = {file.stem: _driver_sha256(file) for file in others}
     return hashlib.sha256(rfc8785.dumps(stated)).hexdigest()
 
 

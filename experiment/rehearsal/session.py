@@ -302,7 +302,7 @@ def simulated_far_ends(rig: rigs.Rig, opened: ExitStack) -> SimulatedPorts:
         )
         opened.callback(moves(line, rig, real_time=True).close)
         port = line.url
-    if rig.actuator.driver == "pcm-tcp":
+    if rig.actuator.driver != "audio":
         panel = Panel(rig.actuator)
         opened.callback(panel.close)
         address = panel.address

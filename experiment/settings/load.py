@@ -108,22 +108,23 @@ def toml(value: str | date) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-Address = Annotated[
-    str,
-    Field(
-        pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
-        description="host:port, such as 127.0.0.1:4711, a port of its own for each server",
-    ),
-    ONE_LINE,
-]
+def driver_key(*known: str) -> Any:
+    """Return what a key `driver` may be: one of palpate's, or a lab's own."""
+    allowed = f"{', '.join(known)}, or package.module:Class of a driver of your own"
+    return Field(pattern=rf"^({'|'.join(known)}|[A-Za-z_][\w.]*:[A-Za-z_]\w*)$", description=allowed)
+
+
+ADDRESS = re.compile(r"rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):([0-9]{1,5})")
 
 
 def port_rules(table: Any) -> Iterator[Broken]:
-    """The port of `address` is one from 1 to 65535."""
+    """`address` is host:port with a port from 1 to 65535, or anything with a driver of one's own."""
     address = table.get("address")
-    port = address.rpartition(":")[2] if isinstance(address, str) else ""
-    if port.isdecimal() and not 1 <= int(port) <= 65535:
-        yield Broken(("address",), "host:port with a port from 1 to 65535")
+    if isinstance(address, str) and ":" not in str(table.get("driver")):
+        if (found := ADDRESS.fullmatch(address)) is None:
+            yield Broken(("address",), "host:port, such as 127.0.0.1:4711, a port of its own for each server")
+        elif found[2] and not 1 <= int(found[2]) <= 65535:
+            yield Broken(("address",), "host:port with a port from 1 to 65535")
 
 
 class Confined(BaseModel):

@@ -30,11 +30,12 @@ from palpate.experiment.apparatus.servo.observer import TOLD_KG
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.apparatus.servo.record import ForceRecord
 from palpate.experiment.apparatus.servo.rendering import Rendered
+from palpate.experiment.apparatus.servo.serving import PUSHED
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.kinds.tapping import hand
 from palpate.experiment.rehearsal.wires.foot import Foot
-from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.synthesis.contact.block import Block, Pair
 from palpate.experiment.synthesis.contact.observer import Observer, Seen

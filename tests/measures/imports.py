@@ -69,7 +69,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/doctor/force.py",
         *(
             f"experiment/apparatus/servo/{name}.py"
-            for name in ("budget", "device", "link", "opening", "process", "record", "rendering")
+            for name in ("budget", "device", "link", "opening", "process", "record", "rendering", "serving")
         ),
         "experiment/rehearsal/wires/force_device.py",
         "experiment/synthesis/contact",
@@ -132,6 +132,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/doctor/triggers.py",
         *(f"experiment/apparatus/wires/{name}.py" for name in ("lsl", "triggers", "ttl")),
     ),
+    "own drivers": ("experiment/apparatus/doctor/own.py", "experiment/apparatus/wires/own"),
     "asked": (
         "experiment/dataset/phenotype.py",
         "experiment/protocol/asked",

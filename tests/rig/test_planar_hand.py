@@ -16,9 +16,10 @@ import pytest
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo.link import ServoProcess
+from palpate.experiment.apparatus.servo.serving import PUSHED
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
-from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.synthesis.contact.block import Block
 from tests.rig.falling import HAND

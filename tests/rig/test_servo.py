@@ -27,10 +27,11 @@ import pytest
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo.link import ServoProcess
 from palpate.experiment.apparatus.servo.process import Orders
+from palpate.experiment.apparatus.servo.serving import HUNG_UP, PUSHED, SILENT
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import ServoError
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
-from palpate.experiment.rehearsal.wires.force_device import HUNG_UP, PUSHED, SILENT, ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import falling, pressing
 from tests.rig.falling import HAND, press

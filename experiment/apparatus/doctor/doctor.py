@@ -114,7 +114,11 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
         else:
             yield from _audio(rig, rig.audio, ends, clock)
         address = ends.address or rig.actuator.address
-        if address is not None:
+        if ends.address is None and ":" in rig.actuator.driver:
+            from palpate.experiment.apparatus.doctor import own
+
+            yield from own.checks(rig, clock)
+        elif address is not None:
             yield from checks.server(address, rig.actuator)
         if rig.servo is not None or (protocol is not None and protocol.exposure.force_peak_n is not None):
             from palpate.experiment.apparatus.doctor import force

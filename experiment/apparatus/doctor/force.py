@@ -1,7 +1,8 @@
 """Checks of the force device, with nobody's hand in it, without force: its answers, the limit, the protocol's block."""
 
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,12 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
     rate_hz = tracker_of(rig).rate_hz if virtual is None else virtual.rate_hz
     where = address or device.address
     try:
-        with closing(ForceDevice(where, limit_n=0.0)) as line:
+        with ExitStack() as opened:
+            served = where
+            if address is None and ":" in device.driver:
+                own = import_module("palpate.experiment.apparatus.wires.own.force")
+                served = opened.enter_context(own.served(rig))
+            line = opened.enter_context(closing(ForceDevice(served, limit_n=0.0)))
             yield passed("force device", f"{where} accepts a connection; no force was sent")
             yield from answers(_measure_waits(line, device, rate_hz, clock), device, rate_hz=rate_hz)
     except PalpateError as error:

@@ -10,7 +10,7 @@ from contextlib import closing
 import numpy as np
 
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused
-from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer, Window
+from palpate.experiment.apparatus.panel.accelerometer import Window, listener
 from palpate.experiment.apparatus.rig import AccelerometerRig, Rig
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import Finding, RecordingError
@@ -33,7 +33,7 @@ def checks(rig: Rig, settings: AccelerometerRig, address: str | None, *, clock: 
         told, correct = f"its address, {where}, is {shared[0]}.address", "correct either in the rig file"
         yield judged(name, False, told, allowed="one of its own", remedy=correct)
         return
-    sensor = PcmAccelerometer(settings.model_copy(update={"address": where}), clock=clock)
+    sensor = listener(rig, address=address, clock=clock)
     try:
         with closing(sensor):
             sensor.arm(round(LISTEN_S * settings.rate_hz))

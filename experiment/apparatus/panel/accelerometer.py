@@ -9,7 +9,8 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
+from importlib import import_module
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +88,7 @@ class PcmAccelerometer:
         """Prepare to listen, a connection a take; the clock stamps samples, None is the machine's monotonic one."""
         self._settings = settings
         self._clock = clock or MonotonicClock()
-        self._listening: _Listening | None = None
+        self._listening: Listening | None = None
 
     @property
     def rate_hz(self) -> int:
@@ -95,13 +96,16 @@ class PcmAccelerometer:
 
     def arm(self, samples: int) -> None:
         """Listen from now on for the next take, of so many samples; `RecordingError` if nothing comes."""
-        self.close()
+        self._stop_listening()
+        self._listening = self._begin(samples)
+        if problem := self._listening.alive(ALIVE_S):
+            self._stop_listening()
+            raise self._failed(problem)
+
+    def _begin(self, samples: int) -> "Listening":
         connection = connect("accelerometer", self._settings.address, RecordingError)
         connection.settimeout(None)
-        self._listening = _Listening(connection, samples, rate_hz=self.rate_hz, clock=self._clock)
-        if problem := self._listening.alive(ALIVE_S):
-            self.close()
-            raise self._failed(problem)
+        return _Stream(connection, samples, rate_hz=self.rate_hz, clock=self._clock)
 
     def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
         """Return the armed take, beginning between two times of the host's clock, once the foot is down.
@@ -144,6 +148,9 @@ class PcmAccelerometer:
         return raw.astype(np.float64) * self._settings.full_scale_m_s2
 
     def close(self) -> None:
+        self._stop_listening()
+
+    def _stop_listening(self) -> None:
         if self._listening is not None:
             self._listening.stop()
             self._listening = None
@@ -167,28 +174,30 @@ _Taken = tuple[NDArray[np.float32] | None, int | None, int | None]
 """A take, when it begins and when there was a knock before; see `Heard`."""
 
 
-class _Listening:
-    """A thread that takes what the server sends, so that nothing waits in the system until the foot is down."""
+class Listening:
+    """What has come since an accelerometer was armed."""
 
-    def __init__(self, connection: socket.socket, samples: int, *, rate_hz: int, clock: Clock) -> None:
+    def __init__(self, samples: int, *, rate_hz: int, clock: Clock) -> None:
         self._samples = samples
         self._rate_hz = rate_hz
         self._most = round(RING_S * rate_hz) + samples
         self._clock = clock
-        self._connection = connection
         self._changed = threading.Condition()
-        self._broken: str | None = None
+        self._why: str | None = None
         self._pieces: deque[tuple[NDArray[np.float32], int]] = deque()
         self._first = 0
         self._count = 0
-        self._thread = threading.Thread(target=self._run, name="accelerometer", daemon=True)
-        self._thread.start()
+
+    @property
+    def broken(self) -> str | None:
+        """Why nothing comes any more."""
+        return self._why
 
     def alive(self, timeout_s: float) -> str | None:
         """Return what is wrong if no samples come in time; None once the first have."""
         with self._changed:
-            self._changed.wait_for(lambda: self._count or self._broken, timeout_s)
-            return None if self._count else self._broken or f"nothing came within {timeout_s:g} s"
+            self._changed.wait_for(lambda: self._count or self.broken, timeout_s)
+            return None if self._count else self.broken or f"nothing came within {timeout_s:g} s"
 
     def take(self, earliest_ns: int, latest_ns: int, *, level: float) -> _Taken | str:
         """Return the take that begins in the stretch, or what went wrong."""
@@ -236,21 +245,26 @@ class _Listening:
         taken = held[begin - first : begin - first + samples]
         return taken if np.all(np.isfinite(taken)) else NOT_NUMBERS
 
+    def add(self, piece: NDArray[np.float32], ended_ns: int) -> None:
+        """Take samples, the last of which was there at a time of the clock's, at the latest."""
+        with self._changed:
+            self._pieces.append((piece, ended_ns))
+            self._count += piece.size
+            while self._count - self._first - self._pieces[0][0].size > self._most:
+                self._first += self._pieces.popleft()[0].size
+            self._changed.notify_all()
+
     def stop(self) -> None:
-        # A server that has closed already raises an error that does not matter.
-        with suppress(OSError):
-            self._connection.shutdown(socket.SHUT_RDWR)
-        self._thread.join()
-        self._connection.close()
+        """Take nothing more."""
 
     def _wait(self, wanted: Callable[[], int], late_s: float = LATE_S) -> bool:
         """Return whether as many samples as wanted have come, in time."""
         due_s = max(wanted() - self._count, 0) / self._rate_hz
-        self._changed.wait_for(lambda: self._count >= wanted() or self._broken, due_s + late_s)
+        self._changed.wait_for(lambda: self._count >= wanted() or self.broken, due_s + late_s)
         return self._count >= wanted()
 
     def _missing(self) -> str:
-        return self._broken or f"only {self._count} samples came, fewer than {self._rate_hz} a second"
+        return self.broken or f"only {self._count} samples came, fewer than {self._rate_hz} a second"
 
     def _start_ns(self) -> float:
         """Return when the stream's first sample was taken, as the piece that was held up least has it."""
@@ -269,6 +283,23 @@ class _Listening:
     def _kept_samples(self) -> tuple[int, NDArray[np.float32]]:
         return self._first, np.concatenate([piece for piece, _ in self._pieces])
 
+
+class _Stream(Listening):
+    """A thread that takes what the server sends, so that nothing waits in the system until the foot is down."""
+
+    def __init__(self, connection: socket.socket, samples: int, *, rate_hz: int, clock: Clock) -> None:
+        super().__init__(samples, rate_hz=rate_hz, clock=clock)
+        self._connection = connection
+        self._thread = threading.Thread(target=self._run, name="accelerometer", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        # A server that has closed already raises an error that does not matter.
+        with suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        self._connection.close()
+
     def _run(self) -> None:
         torn = b""
         while True:
@@ -284,17 +315,11 @@ class _Listening:
             torn = data[whole:]
             if not whole:
                 continue
-            piece = np.frombuffer(data[:whole], SAMPLE).astype(np.float32)
-            with self._changed:
-                self._pieces.append((piece, arrived_ns))
-                self._count += piece.size
-                while self._count - self._first - self._pieces[0][0].size > self._most:
-                    self._first += self._pieces.popleft()[0].size
-                self._changed.notify_all()
+            self.add(np.frombuffer(data[:whole], SAMPLE).astype(np.float32), arrived_ns)
 
     def _end(self, why: str) -> None:
         with self._changed:
-            self._broken = why
+            self._why = why
             self._changed.notify_all()
 
 
@@ -322,4 +347,13 @@ def open_accelerometer(
         )
     if address is None and settings.address == REHEARSAL:
         raise RigError.at(opening.simulated_only(rig, "accelerometer.address"))
+    return listener(rig, address=address, clock=clock)
+
+
+def listener(rig: Rig, *, clock: Clock | None, address: str | None = None) -> PcmAccelerometer:
+    """Return what listens to the rig's accelerometer, or to a server at another address. Raises `RigError`."""
+    settings = settings_of(rig)
+    if address is None and ":" in settings.driver:
+        own = import_module("palpate.experiment.apparatus.wires.own.accelerometer")
+        return cast("PcmAccelerometer", own.DriverAccelerometer(rig, clock))
     return PcmAccelerometer(settings.model_copy(update={"address": address or settings.address}), clock=clock)

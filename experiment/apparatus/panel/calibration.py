@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from datetime import date
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -25,7 +26,7 @@ from palpate.experiment.apparatus.audio import calibration as probing
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
 from palpate.experiment.apparatus.panel import measured, multisine
-from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer, Window
+from palpate.experiment.apparatus.panel.accelerometer import Window
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.measured import Figures
 from palpate.experiment.apparatus.panel.multisine import Estimate, Level
@@ -127,11 +128,14 @@ def devices(rig: Rig, *, loudest: float) -> Iterator[Devices]:
     """Yield the opened devices of a real rig; no sample exceeds `loudest`. Raises `PalpateError`."""
     settings, clock = accelerometers.settings_of(rig), MonotonicClock()
     with ExitStack() as opened:
-        listener = opened.enter_context(closing(PcmAccelerometer(settings, clock=clock)))
+        listener = opened.enter_context(closing(accelerometers.listener(rig, clock=clock)))
         player: Player
-        if rig.actuator.address is not None:
-            full_scale = rig.actuator.full_scale
-            condition = Conditioner(full_scale=full_scale, limit_m_s2=full_scale)
+        full_scale = rig.actuator.full_scale
+        condition = Conditioner(full_scale=full_scale, limit_m_s2=full_scale)
+        if ":" in rig.actuator.driver:
+            own = import_module("palpate.experiment.apparatus.wires.own.actuator")
+            player = opened.enter_context(closing(own.DriverActuator(rig, condition, clock)))
+        elif rig.actuator.address is not None:
             server = PcmActuator(rig.actuator.address, condition, rate_hz=rig.actuator.rate_hz, clock=clock)
             player = opened.enter_context(closing(server))
             server.reach()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from palpate.experiment.apparatus.audio.actuator import align
-from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer, settings_of
+from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer, listener
 from palpate.experiment.apparatus.panel.conditioning import Played
 from palpate.experiment.apparatus.panel.drift import is_heard
 from palpate.experiment.apparatus.panel.movement import Movement, open_movement
@@ -116,7 +116,7 @@ def open_heard(actuator: Actuator, rig: Rig, folder: Path, clock: Clock, opened:
     if (measured := rig.actuator.measured) is None or not is_heard(rig):
         return actuator
     movement = open_movement(folder, measured, rate_hz=rig.actuator.rate_hz)
-    sensor = PcmAccelerometer(settings_of(rig), clock=clock)
+    sensor = listener(rig, clock=clock)
     opened.callback(sensor.close)
     sensor.arm(round(trial_s * sensor.rate_hz))
     return cast("Actuator", HeardActuator(actuator, sensor, movement, clock))

@@ -1,6 +1,8 @@
 """Opens the force device of a rig, and its tracker with it."""
 
 import os
+from importlib import import_module
+from typing import cast
 
 from palpate.experiment.apparatus.opening import open_tracker, simulated_only
 from palpate.experiment.apparatus.rig import REHEARSAL, Rig, needed, tracker_of
@@ -9,6 +11,7 @@ from palpate.experiment.apparatus.servo.observer import observer_of
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.settings import FRAMES
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import RigError, ServoError
 from palpate.experiment.protocol.kinds.tapping import Tapping
@@ -48,6 +51,11 @@ def open_servo(
     where, hand = address or device.address, port or tracker.port
     if REHEARSAL in (where, hand):
         raise RigError.at(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
+    if not clock.simulated and tracker.driver != FRAMES:
+        remedy = "have the device send palpate's frames: palpate docs rigs"
+        raise RigError(
+            f"rig '{rig.rig.name}'", f"got '{tracker.driver}'", remedy, allowed=FRAMES, field="tracker.driver"
+        )
     along, observer = tracker.along_calibration or (), observer_of(virtual, device, tracker)
     orders = Orders(
         port=hand,
@@ -66,6 +74,9 @@ def open_servo(
         noise_m=observer.noise_m if observer is not None else 0.0,
         told_kg=observer.mass_kg if observer is not None else 0.0,
     )
+    if address is None and ":" in device.driver:
+        own = import_module("palpate.experiment.apparatus.wires.own.force")
+        return cast("Servo", own.DriverServo(rig, orders, clock))
     if not clock.simulated:
         return ServoProcess(orders, clock)
     return ServoHere(orders, open_tracker(rig, clock=clock, port=port, clock_map=clock_map))

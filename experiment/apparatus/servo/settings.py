@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from palpate.experiment.settings.load import Address, Broken, Confined, Line, Rules, port_rules
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Rules, driver_key, port_rules
 
 
 def _servo_rules(table: Any) -> Iterator[Broken]:
@@ -24,8 +24,8 @@ class ServoRig(Confined):
     """What pushes the hand.
 
     Attributes:
-        driver: a server of palpate's force messages over TCP.
-        address: its address.
+        driver: a server of palpate's force messages over TCP, or a class of a module as the tracker's.
+        address: of the server, or what a driver of your own opens.
         full_scale_n: largest force of the device.
         damping_n_s_m: its own measured damping; limits the stiffness of blocks.
         delay_ms: from the hand's place to its force.
@@ -38,8 +38,8 @@ class ServoRig(Confined):
 
     RULES: ClassVar[Rules] = _servo_rules
 
-    driver: Literal["force-tcp"]
-    address: Address
+    driver: Annotated[str, driver_key("force-tcp"), ONE_LINE]
+    address: Line
     full_scale_n: Annotated[float, Field(gt=0, le=1000)]
     damping_n_s_m: Annotated[float, Field(ge=0, le=1e4)]
     delay_ms: Annotated[float, Field(ge=0, le=20)]

@@ -3,24 +3,20 @@
 A file beside the rig file comes first, under a name of its own that hides no other module; else an installed module.
 """
 
-import hashlib
 import importlib
 import inspect
-import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
-from palpate.experiment import storage
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.settings import FRAMES
+from palpate.experiment.apparatus.wires.own.loading import driver_module, error_words
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import PalpateError, RigError, TrackerError
 
@@ -128,15 +124,9 @@ def _blamed(named: str, part: str) -> Iterator[None]:
     except (Exception, SystemExit) as error:  # SystemExit would end the session without a word
         raise TrackerError(
             "tracker",
-            f"its driver '{named}' failed at `{part}` ({_error_words(error)})",
+            f"its driver '{named}' failed at `{part}` ({error_words(error)})",
             "restart the device, or have the driver mended",
         ) from error
-
-
-def _error_words(error: BaseException) -> str:
-    said = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
-    # A file beside the rig file is a module under a name of palpate's own, which tells nobody anything.
-    return re.sub(rf"{re.escape(__name__)}\.(\w+)_[0-9a-f]{{16}}", r"\1", said)
 
 
 def _driver(rig: Rig) -> Callable[..., Tracker]:
@@ -158,29 +148,13 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
     return driver
 
 
-def driver_module(file: Path) -> ModuleType:
-    """Return the module in a file, executed once for each content: from the bytes read here, never from a cache."""
-    content = storage.read_bytes(file)
-    name = f"{__name__}.{file.stem}_{hashlib.sha256(content).hexdigest()[:16]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    module = sys.modules[name] = ModuleType(name)
-    module.__file__ = str(file)
-    try:
-        exec(compile(content, file, "exec", dont_inherit=True), module.__dict__)  # noqa: S102
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
-
-
 def _not_a_driver(rig: Rig, error: BaseException) -> RigError:
     remedy = "put its file beside the rig file, install its package, or correct the rig file"
     if isinstance(error, ImportError) and error.name is not None and error.name.partition(".")[0] == "experiment":
         remedy = "have it import from palpate.experiment.apparatus"
     return RigError(
         f"rig '{rig.rig.name}'",
-        f"got '{tracker_of(rig).driver}' ({_error_words(error)})",
+        f"got '{tracker_of(rig).driver}' ({error_words(error)})",
         remedy,
         allowed=f"{FRAMES}, or a class that implements Tracker",
         field="tracker.driver",

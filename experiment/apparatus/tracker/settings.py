@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Rules
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Rules, driver_key
 
 FRAMES = "palpate-frames"
 """The tracker's driver unless a rig names another."""
@@ -84,14 +84,7 @@ class TrackerRig(Confined):
 
     RULES: ClassVar[Rules] = _tracker_rules
 
-    driver: Annotated[
-        str,
-        Field(
-            pattern=r"^(palpate-frames|[A-Za-z_][\w.]*:[A-Za-z_]\w*)$",
-            description="palpate-frames, or package.module:Class of a driver of your own",
-        ),
-        ONE_LINE,
-    ] = FRAMES
+    driver: Annotated[str, driver_key(FRAMES), ONE_LINE] = FRAMES
     port: Line
     baud: Annotated[int, Field(ge=9600, le=12_000_000)]
     rate_hz: Annotated[int, Field(ge=1000, le=5000)]

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Name, Rules
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Name, Rules, driver_key
 
 LSL, TTL = "lsl", "ttl"
 NEEDED, ALLOWED = {LSL: ("stream",), TTL: ("port", "baud")}, {LSL: ("interface",), TTL: ()}
@@ -13,14 +13,6 @@ NEEDED, ALLOWED = {LSL: ("stream",), TTL: ("port", "baud")}, {LSL: ("interface",
 
 Number = Annotated[int, Field(ge=1, le=254)]
 Address = Annotated[str, Field(pattern=r"^(\d{1,3}\.){3}\d{1,3}$", description="an IPv4 address")]
-Driver = Annotated[
-    str,
-    Field(
-        pattern=r"^(lsl|ttl|[A-Za-z_][\w.]*:[A-Za-z_]\w*)$",
-        description="lsl, ttl, or package.module:Class of a driver of your own",
-    ),
-    ONE_LINE,
-]
 
 
 def _event_rules(table: Any) -> Iterator[Broken]:
@@ -75,7 +67,7 @@ class TriggerRig(Confined):
 
     RULES: ClassVar[Rules] = _trigger_rules
 
-    driver: Driver
+    driver: Annotated[str, driver_key(LSL, TTL), ONE_LINE]
     stream: Name | None = None
     interface: Address | None = None
     port: Line | None = None

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.ports import Actuator
-from palpate.experiment.apparatus.tracker.guarded import driver_module
+from palpate.experiment.apparatus.wires.own.loading import driver_module
 from palpate.experiment.apparatus.wires.settings import LSL, TTL, TriggerRig
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import PalpateError, RigError

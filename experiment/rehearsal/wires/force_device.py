@@ -18,15 +18,10 @@ from typing import BinaryIO, Self
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host
-from palpate.experiment.apparatus.servo.device import ANSWER, DROPPED, DROPS_AFTER_S, MESSAGE_BYTES, decode
+from palpate.experiment.apparatus.servo.serving import hold
 
 BEGINS_S = 10.0
 """Whoever starts it connects within this time, s."""
-
-PUSHED, SILENT, HUNG_UP = range(3)
-
-WAKES_S = 0.0002
-"""A machine wakes whoever waits up to so much later, s; ours."""
 
 PUSH = struct.Struct("<qffII")
 
@@ -61,7 +56,6 @@ def serve(server: socket.socket, record: BinaryIO | None) -> None:
     with server.accept()[0] as owner:
         while owner not in select.select([server, owner], [], [])[0]:
             with server.accept()[0] as line:
-                line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 _hold(line, record)
 
 
@@ -70,39 +64,7 @@ def _hold(line: socket.socket, record: BinaryIO | None) -> None:
         if record is not None:
             record.write(PUSH.pack(time.monotonic_ns(), *force, why, fast))
 
-    heard, pushes, dropped = b"", False, False
-    line.settimeout(DROPS_AFTER_S)
-    while True:
-        # A timeout of `recv` would be rounded up to whole milliseconds.
-        if not select.select([line], [], [], DROPS_AFTER_S - WAKES_S)[0]:
-            if pushes:
-                keep((0.0, 0.0), SILENT, False)
-            pushes, dropped = False, dropped or pushes
-            continue
-        try:
-            more = line.recv(4096)
-        except OSError:
-            more = b""
-        if not more:
-            keep((0.0, 0.0), HUNG_UP, False)
-            return
-        heard += more
-        answers = b""
-        while len(heard) >= MESSAGE_BYTES:
-            message, heard = decode(heard[:MESSAGE_BYTES]), heard[MESSAGE_BYTES:]
-            if message is None:
-                # A message that is not good holds no force.
-                continue
-            sequence, force, fast = message
-            keep(force, PUSHED, fast)
-            pushes = any(force)
-            answers += ANSWER.pack(sequence, DROPPED if dropped else 0)
-            dropped = False
-        try:
-            line.sendall(answers)
-        except OSError:
-            keep((0.0, 0.0), HUNG_UP, False)
-            return
+    hold(line, keep)
 
 
 def main() -> None:

@@ -96,7 +96,11 @@ def test_a_rig_is_read(write: Write) -> None:
         ("4711", "70000", "line 20: actuator.address: got .*; allowed: host:port with a port from 1 to 65535"),
         ("127.0.0.1:4711", "rehearsal", "line 20: .*got 'rehearsal'; allowed: a real address"),
         ("/dev/ttyACM0", "rehearsal", "line 8: tracker.port: got 'rehearsal'; allowed: a real port"),
-        ('driver = "pcm-tcp"', 'driver = "jack"', "line 19: actuator.driver: .*; allowed: one of: pcm-tcp, audio"),
+        (
+            'driver = "pcm-tcp"',
+            'driver = "jack"',
+            "line 19: actuator.driver: .*; allowed: pcm-tcp, audio, or package.module",
+        ),
         ("[rig]", "[rigg]", "line 3: rigg: got a table; allowed: no such key; did you mean 'rig'"),
         ("format = 1", "format = ", "line 1: column 10"),
     ],

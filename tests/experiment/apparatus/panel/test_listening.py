@@ -119,7 +119,7 @@ def test_what_was_heard_first_is_still_there_after_the_last_stimulus_of_a_trial(
             pass
 
     clock = ManualClock(0)
-    monkeypatch.setattr(listening, "PcmAccelerometer", Sensor)
+    monkeypatch.setattr(listening, "listener", Sensor)
     monkeypatch.setattr(listening, "open_movement", lambda *_, **__: Devices(clock, broken=False))
     rig: Any = rigs.load(shipped("rigs/rehearsal.toml"))
     measured = rig.model_copy(update={"actuator": rig.actuator.model_copy(update={"measured": object()})})

@@ -17,11 +17,12 @@ from palpate.experiment.apparatus.servo import link
 from palpate.experiment.apparatus.servo.link import ServoHere, ServoProcess
 from palpate.experiment.apparatus.servo.process import SAMPLES, TOUCH, TOUCHED, Line, Orders
 from palpate.experiment.apparatus.servo.rendering import FALLS_NS, Touch
+from palpate.experiment.apparatus.servo.serving import PUSHED
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import Samples, encode
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import TrackerStopped
-from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from palpate.experiment.synthesis.contact.block import Block
 from tests.rig.pushes import pushed
 
