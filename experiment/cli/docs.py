@@ -17,6 +17,7 @@ GUIDES = {
     "questions": ("palpate/guide/questions.md", "24 questions, answered"),
     "limits": ("palpate/guide/limits.md", "what palpate does not do"),
     "coming": ("palpate/guide/coming.md", "coming from PsychoPy, jsPsych or OpenSesame"),
+    "devices": ("palpate/guide/devices.md", "drivers of your own, and what twelve kinds of device need"),
     "studies": ("protocols/README.md", "protocols, boards, visits, practice: a study step by step"),
     "examples": ("protocols/studies.md", "what the shipped studies answer"),
     "keys": ("protocols/keys.md", "every key of a protocol and a rig"),

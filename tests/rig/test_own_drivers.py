@@ -1,4 +1,4 @@
-"""The drivers that the apparatus's README shows, on real lines, and drivers that fail, each in its own process."""
+"""The drivers that the guide to devices shows, on real lines, and drivers that fail, each in its own process."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class Faulty:
 
 @pytest.fixture
 def guide(repository_root: Path) -> Callable[[str], str]:
-    text = (repository_root / "experiment" / "apparatus" / "README.md").read_text("utf-8")
+    text = (repository_root / "palpate" / "guide" / "devices.md").read_text("utf-8")
 
     def code(name: str) -> str:
         found = re.search(rf"<!-- {name} driver -->\n```python\n(.*?)```", text, re.DOTALL)

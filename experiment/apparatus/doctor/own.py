@@ -14,7 +14,7 @@ from palpate.experiment.apparatus.wires.own.actuator import DriverActuator
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import ActuatorError, Finding
 
-MENDED = "see the device's settings, or what its driver returns: palpate docs rigs"
+MENDED = "see the device's settings, or what its driver returns: palpate docs devices"
 
 
 def checks(rig: Rig, clock: Clock) -> Iterator[Finding]:
