@@ -1,4 +1,4 @@
-"""The driver that the apparatus's README shows: short, named by a rig file, and good for a step over a real port."""
+"""The driver that the guide to devices shows: short, named by a rig file, and good for a step over a real port."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SPEED_MM_S = 180.0
 
 @pytest.fixture
 def code(repository_root: Path) -> str:
-    text = (repository_root / "experiment" / "apparatus" / "README.md").read_text("utf-8")
+    text = (repository_root / "palpate" / "guide" / "devices.md").read_text("utf-8")
     found = re.search(r"<!-- tracker driver -->\n```python\n(.*?)```", text, re.DOTALL)
     assert found
     return found[1]
