@@ -375,6 +375,13 @@ ABOVE_GATE_MM, BELOW_CONTACT_MM = 5.0, 1.0
 and the sole gives way."""
 
 
+NO_ACTUATOR = (
+    "a table [actuator], which every rig has; to calibrate a tracker before there is one, this line above the tables "
+    'will do: actuator = { driver = "pcm-tcp", address = "127.0.0.1:4711", rate_hz = 5000, full_scale_m_s2 = 1 }'
+)
+"""What a file without an actuator needs."""
+
+
 def _rig_rules(table: Any) -> Iterator[Broken]:
     """`actuator.driver = "audio"` needs the table `[audio]`, at the same `rate_hz`.
 
@@ -384,6 +391,8 @@ def _rig_rules(table: Any) -> Iterator[Broken]:
 
     Only a simulated rig may say "rehearsal" for a port, an address or a device.
     """
+    if table.get("actuator") is None:
+        yield Broken(("actuator",), NO_ACTUATOR)
     yield from _audio_rules(table.get("actuator"), table.get("audio"))
     if table.get("tracker") is None:
         if table.get("servo") is not None:

@@ -87,7 +87,9 @@ def new(
             "--control", help="Add a task that tests the masking: the panel sounds, and nothing reaches the foot."
         ),
     ] = False,
-    rig: Annotated[Path | None, typer.Option("--rig", help="Write a rig file to begin from too.")] = None,
+    rig: Annotated[
+        Path | None, typer.Option("--rig", help="Write a rig file to begin from too; alone, nothing else.")
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: what no option answers has its default.")] = False,
 ) -> None:
     """Write a new protocol, with a comment for every key.
@@ -98,6 +100,10 @@ def new(
     identification is copied too. No file is overwritten.
     """
     ask = not yes
+    study = (protocol_file, like, kind, design, answers, recordings, study_id, title, participants, materials, tasks)
+    if rig and not any((*study, repetitions, control)):
+        _write_rig(free_for_a_rig(rig))
+        return
     if ask:
         options.at_once("A new protocol. Enter takes an answer in brackets; after Ctrl-C nothing is written.")
     from palpate.experiment.protocol import new as writing
@@ -135,6 +141,18 @@ def new(
     _write_new(file, rig, text, changed)
 
 
+CALIBRATE = "Rig: {rig}. Calibrate it: `palpate docs rigs` shows how."
+"""What may follow a new rig file."""
+
+
+def _write_rig(rig: Path) -> None:
+    """Write a new rig alone."""
+    from palpate.experiment import storage
+
+    storage.write(rig, a_rig(rig).encode())
+    typer.echo(CALIBRATE.format(rig=rig))
+
+
 def _write_new(file: Path, rig: Path | None, text: str, changed: "Changes") -> None:
     """Write a new protocol, its recordings and its rig, or nothing, and say what may follow."""
     from palpate.experiment import storage
@@ -149,7 +167,7 @@ def _write_new(file: Path, rig: Path | None, text: str, changed: "Changes") -> N
         storage.write(path, content)
     typer.echo(f"Protocol: {file}")
     if rig:
-        typer.echo(f"Rig: {rig}. Calibrate it: `palpate docs rigs` shows how.")
+        typer.echo(CALIBRATE.format(rig=rig))
     typer.echo(
         f"To practise a session at your own keys: {shown(('palpate', 'run', str(file), '--practice'))}\n"
         f"To read it as an ethics board does: {shown(('palpate', 'check', str(file)))}"

@@ -378,7 +378,7 @@ def find(model: type[Confined], document: Table, lines: Mapping[Place, int]) -> 
     """Return every problem of `document` as a `model`, in the order of their lines as `locate` returns them."""
     newest = model.renewed(document)
     invalid = islice(_invalid_fields(model, newest), MOST_TOLD)
-    found = {model.stated(path, document): words for path, words in (*_broken_rules(model, newest), *invalid)}
+    found = {model.stated(path, document): words for path, words in (*invalid, *_broken_rules(model, newest))}
     problems = (
         mismatch(written(path), _nearest(lines, path), _shown(_value(document, path)), words)
         for path, words in found.items()

@@ -25,6 +25,8 @@ from palpate.experiment.apparatus.tracker.zeroing import heights
 from palpate.experiment.clock import Clock, day
 from palpate.experiment.errors import Finding, Remedy, RigError, TrackerError
 
+Floats = NDArray[np.float64]
+
 READINGS = 1000
 """Readings at each height."""
 
@@ -93,17 +95,18 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
         )
     counts = np.array([float(np.median(one.counts)) for one in by_height])
     spreads = np.array([float(np.std(one.counts)) for one in by_height])
-    rises = bool(counts[-1] > counts[0])
-    way = "rise or all fall" if counts[-1] == counts[0] else "rise" if rises else "fall"
-    for i, (step, spread) in enumerate(zip(np.diff(counts), np.maximum(spreads[1:], spreads[:-1]), strict=True)):
-        if abs(step) < max(APART * spread, 1.0) or (step > 0) != rises:
-            raise TrackerError(
-                "calibration",
-                f"got {counts[i]:g} counts at {by_height[i].mm:g} mm and {counts[i + 1]:g} at {by_height[i + 1].mm:g} "
-                f"mm, with a spread of {spread:.1f}",
-                "see that nothing moves, or leave out heights that the sensor cannot tell apart",
-                allowed=f"readings that all {way} with height, {APART:g} spreads apart",
-            )
+    rises = bool((np.sum(np.sign(np.diff(counts))) or counts[-1] - counts[0]) > 0)
+    if (at := _unfit(counts, spreads, rises)) is not None:
+        way = "rise or all fall" if counts[-1] == counts[0] else "rise" if rises else "fall"
+        read = ", ".join(f"{each:g} at {one.mm:g} mm" for each, one in zip(counts, by_height, strict=True))
+        pair = f"those at {by_height[at].mm:g} and {by_height[at + 1].mm:g} mm do not fit each other"
+        pair = f"{pair}, with a spread of {max(spreads[at : at + 2]):.1f}"
+        raise TrackerError(
+            "calibration",
+            f"got the readings {read}; {_blame(by_height, counts, spreads, rises) or pair}",
+            "see that nothing moves, or leave out heights that the sensor cannot tell apart",
+            allowed=f"readings that all {way} with height, {APART:g} spreads apart",
+        )
     mm = np.array([one.mm for one in by_height])
     order = np.argsort(counts)
     counts, mm, spreads = counts[order], mm[order], spreads[order]
@@ -121,6 +124,22 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     noises = spreads * np.abs(np.gradient(mm, counts))
     rows = zip(np.rint(counts).astype(int).tolist(), mm.tolist(), residuals, noises.tolist(), strict=True)
     return Calibration(tuple(Point(*row) for row in rows), calibrated_on)
+
+
+def _unfit(counts: Floats, spreads: Floats, rises: bool) -> int | None:
+    """Return where, by rising height, a reading and the next go the other way or lie too close together, or None."""
+    steps = np.diff(counts)
+    least = np.maximum(APART * np.maximum(spreads[1:], spreads[:-1]), 1.0)
+    return next(iter(np.flatnonzero((np.abs(steps) < least) | ((steps > 0) != rises)).tolist()), None)
+
+
+def _blame(by_height: Sequence[Level], counts: Floats, spreads: Floats, rises: bool) -> str:
+    """Return which height alone does not fit the three or more others, or nothing."""
+    every = np.arange(counts.size)
+    alone = [i for i in every.tolist() if _unfit(counts[every != i], spreads[every != i], rises) is None]
+    if counts.size < 4 or len(alone) != 1:
+        return ""
+    return f"that at {by_height[alone[0]].mm:g} mm alone does not fit the others"
 
 
 def heights_asked(text: str) -> tuple[float, ...]:

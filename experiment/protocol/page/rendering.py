@@ -47,7 +47,7 @@ def lines(blocks: Iterable[Block]) -> Iterator[str]:
             case Item(text):
                 yield from _wrapped(text, "    ", "  - ")
             case Quoted(text, item):
-                yield from _barred(text, "    ", "  - " if item else "    ")
+                yield from _quoted(text, "  - " if item else "    ")
             case Facts(known):
                 yield from _facts(known)
             case Rows(rows):
@@ -74,6 +74,14 @@ def _barred(text: str, indent: str, first: str) -> tuple[str, ...]:
     if leftward(text) and first.strip():
         return first.rstrip(), *_barred(text, indent, indent)
     return _wrapped(plain(text, keep="\n"), indent + BAR, first + BAR)
+
+
+def _quoted(text: str, first: str) -> Iterator[str]:
+    """Yield free text in lines as its author broke it, each behind a bar."""
+    line, *others = text.strip().split("\n")
+    yield from _barred(line, "    ", first)
+    for other in others:
+        yield from _barred(other, "    ", "    ") or (f"    {BAR}".rstrip(),)
 
 
 def _facts(known: tuple[tuple[str, str | Free], ...]) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import threading
 from collections.abc import Callable
@@ -195,6 +196,15 @@ def test_shaping_is_opened_for_volts_and_for_nothing_else(write: Write, refuses:
         threading.Thread(target=lambda: server.accept()[0].close(), daemon=True).start()
         opened = opening.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0, drive=drive, address=where)
     assert opened.rate_hz == 48_000
+
+
+def test_a_file_without_an_actuator_is_shown_a_line_that_will_do(write: Write) -> None:
+    """It has a tracker alone, which is to be calibrated."""
+    without = re.sub(r"(?ms)^\[actuator\].*?(?=^\[|\Z)", "", GOOD)
+    with pytest.raises(RigError) as refused:
+        rigs.load(write(without))
+    (problem,) = (one for one in str(refused.value).splitlines() if "actuator: got nothing" in one)
+    assert rigs.load(write(problem.partition("will do: ")[2] + "\n" + without)).actuator.rate_hz == 5000
 
 
 def test_every_problem_is_reported_at_once_one_a_line(write: Write) -> None:

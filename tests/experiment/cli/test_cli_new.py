@@ -51,6 +51,14 @@ def test_enter_takes_every_default(palpate: Palpate, types: Types, approved: Sna
     assert palpate("check", "mystudy.toml")[0] == 0
 
 
+def test_a_rig_alone_is_written_without_a_question(palpate: Palpate, types: Types) -> None:
+    asked = types()
+    code, out, err = palpate("new", "--rig", "ours")
+    assert (code, err, asked, [path.name for path in Path().iterdir()]) == (0, "", [], ["ours.toml"])
+    assert "ours.toml" in out
+    assert rigs.load(Path("ours.toml")).rig.name == "ours"
+
+
 def test_a_wrong_answer_is_told_and_asked_for_again(
     palpate: Palpate, types: Types, approved: SnapshotAssertion
 ) -> None:

@@ -30,7 +30,8 @@ def module_in(content: bytes, file: Path) -> ModuleType:
 
 
 def error_words(error: BaseException) -> str:
-    """Return what a driver raised, in one line."""
-    said = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
+    """Return what a driver raised, in one line; of what pyserial says around the system's own words, those alone."""
+    said = re.sub(r"^(\[Errno -?\d+\]) could not open port .*?: (?=\1)", "", " ".join(str(error).split()))
+    said = f"{type(error).__name__}: {said}".removesuffix(": ")
     # A file beside the rig file is a module under a name of palpate's own, which tells nobody anything.
     return re.sub(rf"{re.escape(__name__)}\.(\w+)_[0-9a-f]{{16}}", r"\1", said)

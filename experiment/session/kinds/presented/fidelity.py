@@ -51,7 +51,7 @@ class Made:
     def words(self) -> str:
         """The same in words."""
         out = f"{self.left_out:.2%} (rms) left out" if self.left_out >= SHOWN else "nothing left out"
-        peak = f"{self.reached_m_s2:.3g} m/s^2 at its peak, of {self.asked_m_s2:.3g} asked for"
+        peak = f"at most {self.reached_m_s2:.3g} m/s^2 at its peak, of {self.asked_m_s2:.3g} asked for"
         return f"{self.material}: {self.lasts_s:g} s, {peak}, {out}{', taken down by a limit' if self.limited else ''}"
 
 

@@ -66,6 +66,14 @@ def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixt
     return open_it
 
 
+def test_a_port_that_is_gone_is_told_once(opened: Opens) -> None:
+    """By pyserial 3.5, `SerialException` of `serialposix.Serial.open`, which holds the system's words again."""
+    gone = "[Errno 2] could not open port /dev/none: [Errno 2] No such file or directory: '/dev/none'"
+    with pytest.raises(TrackerError) as refused:
+        opened(opens=f"import serial; raise serial.SerialException({gone!r})")
+    assert str(refused.value).count("Errno 2") == str(refused.value).count("/dev/none") == 1
+
+
 def test_a_driver_that_exits_ends_nothing(opened: Opens, refuses: Refuses) -> None:
     with refuses(TrackerError):
         opened(opens="raise SystemExit(7)")
