@@ -35,6 +35,8 @@ KINDS = {
     "key": "one ASCII character, neither a capital letter nor a blank",
     "date": "a date without quotes, such as 2012-04-01",
     "address": "host:port, such as 127.0.0.1:4711, a port of its own for each server",
+    "column": "up to 32 lower-case letters, digits and _, a letter first (it heads a column)",
+    "class": "package.module:Class of a driver of your own",
     "table file": "the name of a .csv file in the folder of the rig file",
     "hash": "64 hexadecimal digits, as sha256sum prints them",
     "PsychoPy key": "a key as PsychoPy names it: up, down, left, right, return, space, num_add, a, 1",
@@ -58,6 +60,9 @@ SHORT = (
     ("true or false", "yes/no"),
 )
 
+EVIDENT = ("line", "text or none", "yes/no")
+"""Kinds that a default shows by itself."""
+
 HEAD = f"""# Keys
 
 Written by `python -m tests.keys`. `?` marks an optional key, `=` a default, `[≥2]` an array. Units end the names.
@@ -72,12 +77,19 @@ def keys() -> str:
         f"*{name}*: {words.replace(f'text {VISIBLE}', 'clean text').replace(VISIBLE, 'clean')}"
         for name, words in KINDS.items()
     )
-    parts = (f"## {title}\n\n" + "\n\n".join(_tables(model, model, ())) for title, model in files)
+    parts = (f"## {title}\n\n" + "\n\n".join(_tables(model, model, (), {})) for title, model in files)
     return "\n\n".join([HEAD.rstrip(), kinds_of_value, *parts]) + "\n"
 
 
-def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, ...]) -> Iterator[str]:
-    """Yield a list of the keys of a model, and one for each model that it holds."""
+def _tables(
+    root: type[Confined], model: type[Confined], path: tuple[str | int, ...], shown: dict[type[Confined], str]
+) -> Iterator[str]:
+    """Yield a list of the keys of a model, and one for each model that it holds, once for each model."""
+    if model in shown:
+        yield f"**{_header(path)}** As {shown[model]}."
+        return
+    if path:
+        shown[model] = _header(path)
     said = meanings(model)
     rows: list[str] = []
     tables: list[str] = []
@@ -88,13 +100,13 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
         optional = "" if field.is_required() or field.default not in (None, ()) else "?"
         if inside is not None:
             place = (*place, 0) if many else place
-            inner += _tables(root, inside, place)
+            inner += _tables(root, inside, place, shown)
             least = next((part.min_length for part in field.metadata if hasattr(part, "min_length")), 0)
             tables.append(f"{_header(place)}{optional}{f' (≥{least})' if least else ''}")
             continue
         default = "" if field.is_required() or optional else f"=`{json.dumps(field.default)}`"
         allowed = _shortened(load.field(root, place))
-        stated = " ".join(part for part in (allowed, default) if part)
+        stated = " ".join(part for part in ("" if default and allowed in EVIDENT else allowed, default) if part)
         rows.append(f"`{name}`{optional}: {said[name]}{f' ({stated})' if stated else ''}")
     rows += [f"Tables: {', '.join(tables)}"] if tables else []
     heading = f"**{_header(path)}** " if path else ""
