@@ -342,6 +342,7 @@ class Task(Confined):
         masker: this task's noise, if not that of `[masker]`.
         materials: those presented, in their order, if not all; any may be answered.
         levels: how strong its vibrations are, if not as they are made.
+        phase: of a footstep's vibration, if not the signs of (4): all alike, drawn, or as keeps the recorded profile.
         control: makes it a control, whose answers must be at chance.
     """
 
@@ -359,6 +360,7 @@ class Task(Confined):
     masker: Literal["none", "pink", "white"] | None = None
     materials: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
     levels: Levels | None = Field(None, json_schema_extra={"since": 5})
+    phase: Literal["zero", "random", "recorded"] | None = _since_7()
     control: Control | None = _since_7()
 
 

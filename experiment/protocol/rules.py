@@ -39,7 +39,13 @@ EARLIEST = date(1950, 1, 1)
 DEVICES = {"con", "prn", "aux", "nul", *(f"{kind}{number}" for kind in ("com", "lpt") for number in range(1, 10))}
 """No file or folder of Windows has such a name."""
 
-BESIDE = {"levels": "levels", "control": "designs.controls", "asked": "asked", "factors": "designs.factors"}
+BESIDE = {
+    "levels": "levels",
+    "phase": "kinds.phases",
+    "control": "designs.controls",
+    "asked": "asked",
+    "factors": "designs.factors",
+}
 """Keys of a study or a task whose own module has their rules."""
 
 NO_DEVICE = "a name that Windows does not keep for a device"

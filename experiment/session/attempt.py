@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from palpate.experiment.desk.voice.ear import Ear
     from palpate.experiment.desk.voice.listening import Listening
 
-
 FELT = "Trial {trial} was felt, and comes again at the end of its block."
 """What is said where a session pauses before an answer."""
 

@@ -21,14 +21,16 @@ if TYPE_CHECKING:
 class Scene:
     """What a task needs.
 
-    Stimuli are made from the spectra of `materials`, those of the task and of the masker's probe, for what shakes
-    (`actuator`). `masker` is the noise's color, None for none, and a microphone may listen to answers (`listens`).
+    Stimuli are made from the spectra of `materials`, those of the task and of the masker's probe, with the task's
+    `phase`, for what shakes (`actuator`). `masker` is the noise's color, None for none, and a microphone may listen
+    to answers (`listens`).
     """
 
     actuator: bool
     materials: tuple[str, ...]
     masker: Colour | None
     listens: bool
+    phase: str | None = None
 
     @property
     def synthesis(self) -> bool:
@@ -46,7 +48,7 @@ def plan(*, protocol: Protocol, task_id: str) -> Scene:
     if task.masker is not None:
         whole = replace(whole, masker=None if task.masker == "none" else task.masker)
     if task.stimulus == "virtual":
-        return replace(whole, materials=_played(protocol, [task]))
+        return replace(whole, materials=_played(protocol, [task]), phase=task.phase)
     return replace(whole, actuator=False, materials=())
 
 
@@ -62,10 +64,10 @@ def virtual(protocol: Protocol) -> Scene:
 
 
 def played(protocol: Protocol, task_ids: Collection[str] | None = None) -> list[Scene]:
-    """Return the scene of a task with virtual stimuli (of `task_ids`, if given) for each choice of materials."""
+    """Return the scene of a task with virtual stimuli (of `task_ids`, if given) for each choice of materials, phase."""
     virtual_ids = [t.id for t in protocol.tasks if t.stimulus == "virtual" and (task_ids is None or t.id in task_ids)]
     each = [plan(protocol=protocol, task_id=one) for one in virtual_ids] or [virtual(protocol)]
-    return list({scene.materials: scene for scene in each}.values())
+    return list({(scene.materials, scene.phase): scene for scene in each}.values())
 
 
 def _played(protocol: Protocol, tasks: Sequence[Task]) -> tuple[str, ...]:

@@ -102,6 +102,10 @@ class CrinkleSpectra:
         """N, the samples of a recording."""
         return self.amplitudes.shape[1] if self.recorded is None else self.recorded
 
+    def in_time(self, kept: "CrinkleSpectra") -> "CrinkleSpectra":
+        """Return what is `kept` of these, with their phase: that of its signs."""
+        return kept
+
     @property
     def nbytes(self) -> int:
         """Memory of the arrays."""

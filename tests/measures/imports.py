@@ -123,6 +123,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/synthesis/signals/waves.py",
     ),
     "stepping": ("experiment/synthesis/stepping",),
+    "phase": ("experiment/protocol/kinds/phases.py", "experiment/synthesis/signals/phase.py"),
     "levels": (
         "experiment/protocol/levels.py",
         "experiment/session/kinds/footstep/levels.py",

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from palpate.experiment.apparatus.tracker.settings import TrackerRig
 
-
 FALLING_NS = 1_000_000
 """A falling foot is read so often at most, ns."""
 

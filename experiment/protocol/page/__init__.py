@@ -343,6 +343,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             *((("Asked", Free(protocol.question(task))),) if protocol.question(task) else ()),
             ("Order", _order(task, _noun(protocol))),
             *(_levels().facts(task) if task.levels else ()),
+            *((import_module("palpate.experiment.protocol.kinds.phases").fact(task),) if task.phase else ()),
             *_control(task),
         )
 

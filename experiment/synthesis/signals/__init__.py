@@ -1,1 +1,1 @@
-"""Signals in closed form: the masker's noise, and the waves that a study declares."""
+"""Signals: the masker's noise, the waves that a study declares, and phases beside amplitudes."""

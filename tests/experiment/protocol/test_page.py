@@ -204,6 +204,10 @@ CASES += [
     if "control" in path
 ]
 
+PHASED = ProtocolFile.model_validate(changed(changed(document(), ("format",), 7), ("tasks", 0, "phase"), "random"))
+
+CASES += [(PHASED, ("tasks", 0, "phase"), "random", other) for other in ("zero", "recorded")]
+
 GROUPED = ProtocolFile.model_validate(
     changed(
         changed(changed(document(), ("format",), 7), ("asked",), asked("one")),

@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
+from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 
@@ -69,7 +70,7 @@ class Detailed(Fidelity):
     `nearest_m_s2` is the dissimilarity (6) to the most similar other material of the scene at each speed, empty without
     one. `other_reading` is that of equation (7), empty for accelerations. `interpolation` and `averaging` are the
     largest over the speeds recorded; None for too few speeds or takes. `felt` is what a measured panel makes of each
-    stimulus, empty for one that nobody measured.
+    stimulus, empty for one that nobody measured; `profile` that of `signals.phase.profile_error`, empty without one.
     """
 
     nearest_m_s2: tuple[float, ...]
@@ -77,6 +78,7 @@ class Detailed(Fidelity):
     interpolation: float | None
     averaging: float | None
     felt: tuple[Felt, ...] = ()
+    profile: tuple[float | None, ...] = ()
 
     def range(self, of: Callable[[Budget], float]) -> tuple[float, float]:
         """Return the least and the most of a value of the budgets over the speeds."""
@@ -111,6 +113,7 @@ def detailed(
                 )
             ),
             felt=felt[material],
+            profile=import_module(preparation.PHASE).profile_error(spectra[material]) if scene.phase else (),
         )
     return found
 
@@ -219,6 +222,7 @@ class ErrorBudget:
             ["a speed from its neighbours", *(_up_to(one.interpolation) for one in each)],
             ["standard error over takes", *(_up_to(one.averaging) for one in each)],
         ]
+        rows += sampling.profile_rows([one.profile for one in each], _up_to)
         if self._takes_volts:
             rows.append(["W interpolated, (7)", *(_range_of(one.other_reading, _percent) for one in each)])
         if self._is_measured:
@@ -261,7 +265,7 @@ def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path
     own = scenes.plan(protocol=protocol, task_id=task_id)
     found = detailed(scene=own, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
     given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
-    others = [one for one in scenes.played(protocol) if one.materials != own.materials]
+    others = [one for one in scenes.played(protocol) if (one.materials, one.phase) != (own.materials, own.phase)]
     worst = most_left_out([found, *(given(scene=one) for one in others)], carries_hz)
     aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
     schedules = rig.actuator.driver == "audio"

@@ -17,7 +17,7 @@ from palpate.experiment.synthesis import waveforms
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, leave_out, rms_outside
 from palpate.experiment.synthesis.waveforms import Basis
 
-FLOOR = "palpate.experiment.protocol.kinds.floor"
+FLOOR, PHASE = "palpate.experiment.protocol.kinds.floor", "palpate.experiment.synthesis.signals.phase"
 
 
 def real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
@@ -50,7 +50,8 @@ def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[
     """Return the spectra of the materials of `scene` from their recordings. Raises `RecordingError`."""
     synthesis = protocol.table(Footstep).synthesis
     loaded = manifest.load(recordings, synthesis=synthesis, material_ids=scene.materials)
-    return {material: loaded.spectra(material, average=synthesis.average) for material in scene.materials}
+    spectra = {material: loaded.spectra(material, average=synthesis.average) for material in scene.materials}
+    return import_module(PHASE).with_phase(spectra, loaded.objects, scene.phase) if scene.phase else spectra
 
 
 def fastest_mm_s(protocol: Protocol) -> float:
@@ -104,10 +105,10 @@ def prepare_stimuli(
     Bins outside are left out if `felt_outside` is below the participant's floor in every material: filtering only some
     would tell them apart. Raises as `open_stimuli`.
     """
-    tactile = protocol.table(Footstep).tactile
+    tactile, kept = protocol.table(Footstep).tactile, spectra
     if felt_outside(spectra, protocol)[1] < floor_m_s2(protocol, participant):
-        spectra = {material: leave_out(of, band_hz=tactile.band_hz) for material, of in spectra.items()}
+        kept = {material: leave_out(of, band_hz=tactile.band_hz) for material, of in spectra.items()}
     return {
-        material: waveforms.prepare(of, material=material, output_rate_hz=output_rate_hz)
+        material: waveforms.prepare(of.in_time(kept[material]), material=material, output_rate_hz=output_rate_hz)
         for material, of in spectra.items()
     }

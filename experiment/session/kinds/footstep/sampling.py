@@ -1,5 +1,7 @@
 """What recordings at a few speeds, a few takes at each, leave open: shares of the rms recorded."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,6 +34,20 @@ def averaging(
             return np.full(spectra.speeds_mm_s.size, np.nan)
         variance += np.abs(spectrum(takes)).var(axis=1, ddof=1) / takes.shape[1]
     return _shares(np.sqrt(variance[:, 1:]), spectra.amplitudes[:, 1:])
+
+
+PROFILE = "profile (5 ms) of the takes", "profile from its neighbours", "the same, phases drawn"
+LATE = "its energy late or early, ms", "the same, phases drawn, ms"
+"""Lines of profiles in time: as parts of that of the takes, and how far in time."""
+
+
+def profile_rows(profiles: Sequence[tuple[float | None, ...]], shown: Callable[[float | None], str]) -> list[list[str]]:
+    """Return the lines of `signals.phase.profile_error` of each material, shares as `shown`; none without phases."""
+    if not any(profiles):
+        return []
+    shares = [[name, *(shown(one[i]) for one in profiles)] for i, name in enumerate(PROFILE)]
+    late = [["unknown" if (ms := one[i]) is None else f"up to {ms:.0f}" for one in profiles] for i in (3, 4)]
+    return [*shares, *([name, *each] for name, each in zip(LATE, late, strict=True))]
 
 
 def _shares(parts: NDArray[np.float64], wholes: NDArray[np.float64]) -> NDArray[np.float64]:
