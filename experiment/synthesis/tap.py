@@ -92,6 +92,13 @@ class Rings:
         silence = np.zeros(round(seconds * self.unit.rate_hz))
         return Rings(Ring(np.concatenate([silence, self.unit.waveform_m_s2]), self.unit.rate_hz))
 
+    def above(self, crossover_hz: float) -> "Rings":
+        """Return the same vibrations high-passed at a crossover, Hz (first order, bilinear)."""
+        from scipy.signal import butter, lfilter
+
+        b, a = butter(1, crossover_hz, "highpass", fs=self.unit.rate_hz)
+        return Rings(Ring(np.asarray(lfilter(b, a, self.unit.waveform_m_s2)), self.unit.rate_hz))
+
     def scaled(self, factor: float) -> "Rings":
         """Return the same vibrations, each multiplied by a factor."""
         return Rings(Ring(factor * self.unit.waveform_m_s2, self.unit.rate_hz))

@@ -2,7 +2,8 @@
 
 N manipulations of S seconds: taps, presses and hovering, of hands of 150 to 1000 N/m and 2 to 7 N s/m, on the devices
 whose block `passivity.judged` lets pass; 2500 N/m, 100 N s/m, 2.5 kHz, 5 um of noise and counts of 1 um. Energy given
-is the work of the force on what it moves, less what the device's own damping takes, at its largest over time.
+is the work of the force on what it moves, less what the device's own damping takes, at its largest over time. Then the
+same for blocks with crossovers of `crossover.toml`, each on devices with just the damping that it needs.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from scipy.linalg import expm
 
 from palpate.experiment.apparatus.servo import passivity
 from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, TOLD_KG
+from palpate.experiment.protocol.files import load, shipped
+from palpate.experiment.protocol.kinds.tapping import Tapping
+from palpate.experiment.synthesis.contact import lowpass, sampled
 from palpate.experiment.synthesis.contact.observer import Observer
 from tests.benchmarks.force import COUNT_M, DAMPING_N_S_M, HAND_KG, LIMIT_N, NOISE_M, STIFFNESS_N_M
 from tests.experiment.apparatus.servo.test_passivity import PAPER, TRACKER, device
@@ -98,6 +102,41 @@ def given_j(devices: list[tuple[float, float]], n: int, lasts_s: float, *, seed:
     return most
 
 
+def crossed_j(hz: float, b: float, n: int, lasts_s: float, *, seed: int = 1) -> Floats:
+    """Return the same with a crossover, Hz, on devices with a damping, N s/m, of `MASSES_KG` in turn."""
+    block, rng, period_s = load(shipped("crossover.toml")).table(Tapping), np.random.default_rng(seed), 1 / RATE_HZ
+    k, c = block.stiffness_n_m, block.damping_n_s_m
+    stays, adds_n_s_m = lowpass.relaxing(k, c, hz, period_s)
+    moved_kg = np.resize(MASSES_KG, n) + HAND_KG
+    hand_n_m, hand_n_s_m = rng.uniform(150.0, 1000.0, n), rng.uniform(2.0, 7.0, n)
+    plant = np.zeros((n, 3, 3))
+    plant[:, 0, 1], plant[:, 1, 2] = 1.0, 1 / moved_kg
+    plant[:, 1, 0], plant[:, 1, 1] = -hand_n_m / moved_kg, -(b + hand_n_s_m) / moved_kg
+    moves = expm(plant * (period_s / PARTS))
+    (mm, mu, mp), (um, uu, up) = moves[:, 0].T, moves[:, 1].T
+    rests = Rests(n, rng)
+    before = rests.at(0.0)
+    m, u = np.minimum(before, -1e-3), np.zeros(n)
+    read, relaxing = m.copy(), np.zeros(n)
+    energy, most = np.zeros(n), np.full(n, -inf)
+    part_s = period_s / PARTS
+    for cycle in range(round(lasts_s * RATE_HZ)):
+        was, read = read, COUNT_M * np.rint((m + rng.normal(0.0, NOISE_M, n)) / COUNT_M)
+        spring = np.clip(k * read, 0.0, LIMIT_N)
+        relaxing = stays * relaxing + adds_n_s_m * np.minimum(read - was, read) / period_s
+        relaxing = np.where(read > 0, np.clip(relaxing, -spring, LIMIT_N - spring), 0.0)
+        sent = spring + relaxing
+        now = rests.at((cycle + 1) * period_s)
+        pull = hand_n_m * (before + now) / 2 + hand_n_s_m * (now - before) / period_s - sent
+        before = now
+        for _ in range(PARTS):
+            gone, speed = mm * m + mu * u + mp * pull, um * m + uu * u + up * pull
+            energy += -sent * (gone - m) - b * part_s * (u * u + u * speed + speed * speed) / 3
+            m, u = gone, speed
+        most = np.maximum(most, energy)
+    return most
+
+
 def main() -> None:
     count, lasts_s = int(sys.argv[1]), float(sys.argv[2])
     of = len(DAMPINGS_N_S_M) * len(MASSES_KG)
@@ -109,6 +148,15 @@ def main() -> None:
             f"{counted:g} N s/m counted on from the hand: {len(devices)} of {of} devices are shown the block; "
             f"{np.sum(found > MOST_J)} of {count} manipulations of {lasts_s:g} s are given more than 0.1 mJ, most "
             f"{1e3 * found.max():.4f} mJ"
+        )
+    block = load(shipped("crossover.toml")).table(Tapping)
+    given = {"stiffness_n_m": block.stiffness_n_m, "damping_n_s_m": block.damping_n_s_m, "period_s": 1 / RATE_HZ}
+    for hz in block.crossovers_hz:
+        needed = sampled.needed_damping_n_s_m(**given, crossover_hz=hz)
+        found = crossed_j(hz, needed, count, lasts_s)
+        print(
+            f"crossover at {hz:g} Hz, {needed:.2f} N s/m: {np.sum(found > MOST_J)} of {count} manipulations of "
+            f"{lasts_s:g} s are given more than 0.1 mJ, most {1e3 * found.max():.4f} mJ"
         )
 
 

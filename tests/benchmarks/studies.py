@@ -1,26 +1,28 @@
 """How well studies give back what SIMULATED participants feel: run `python -m tests.benchmarks.studies [STUDIES]`.
 
-Each study of `sole.toml` has its own participants, tracks and levels: the method of the session chooses each level,
-and the analysis' own rule makes the threshold of it. Participants differ by an SD of 4 dB at each frequency, with
-spreads of 1.5 to 4 dB and 2 % of lapses. Of a mean over participants: its bias and SD over studies, and how often its
-95 % interval holds the mean of all people; of one participant: the same of the threshold, and how often the lower
-limit, which is the floor, is below it; and how often the floor of everybody is below all participants' thresholds. In
-each study of `harder.toml` participants choose by Bradley and Terry, with slopes of their own: mean and SD of what a
+Each study of `sole.toml` has its own participants, tracks and levels: the method of the session chooses each level, and
+the analysis' own rule makes the threshold of it. Participants differ by an SD of 4 dB at each frequency, with spreads
+of 1.5 to 4 dB and 2 % of lapses. Of a mean over participants: its bias and SD over studies, and how often its 95 %
+interval holds the mean of all people; of one participant: the same of the threshold, and how often the lower limit,
+which is the floor, is below it; and how often the floor of everybody is below all participants' thresholds. In each
+study of `harder.toml` participants choose by Bradley and Terry, with slopes of their own: mean and SD of what a
 doubling adds, and how often its 95 % interval holds the mean slope of all people. A common scale comes out lower, for
-it has no spread between people. `timing.toml` and `late.toml` likewise, of 10 ms earlier and later than the touch. Of a
-hand that taps as in rehearsals: how many taps are predicted so far ahead with a standard error that aims a vibration,
-and by how much they are off. Not a test: it asserts nothing.
+it has no spread between people. `timing.toml` and `late.toml` likewise, of 10 ms earlier and later than the touch;
+`crossover.toml`, of the top of a parabola, which lies elsewhere for each participant. Of a hand that taps as in
+rehearsals: how many taps are predicted so far ahead with a standard error that aims a vibration, and by how much they
+are off. Not a test: it asserts nothing.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from math import log10
+from math import log2, log10
 
 import numpy as np
 from scipy.special import expit, ndtr, ndtri
 
+from palpate.analysis.designs.comparison.crossover import crossed
 from palpate.analysis.designs.comparison.delays import JUST, STEP_MS, delayed
 from palpate.analysis.designs.comparison.factors import factored
 from palpate.analysis.designs.detection.results import threshold_by_rule
@@ -162,6 +164,43 @@ def delays(name: str, studies: int) -> None:
         )
 
 
+BESTS_HZ, BEND, OCTAVES = (40.0, 25.0), 0.25, 0.5
+"""Best crossovers, what one octave beside takes away, logits, and the SD of the best over participants, octaves."""
+
+
+def crossover(studies: int) -> None:
+    """Print a row for each best crossover of people: how well a study gives it and the bend back."""
+    protocol, rng = files.load(files.shipped("crossover.toml")), np.random.default_rng(42)
+    (task,), names, numbers = protocol.tasks, [one.id for one in protocol.materials], protocol.table(Tapping).numbers
+    first, second, person = pairs_of(protocol)
+    octaves = np.log2([numbers[one]["crossover_hz"] for one in names])
+    print(
+        "crossover.toml,studies,participants,true Hz,median Hz,SD octaves,holds %,no top %,no interval %,bend,mean,SD"
+    )
+    for best_hz in BESTS_HZ:
+        found = []
+        for _ in range(studies):
+            own = log2(best_hz) + OCTAVES * rng.normal(size=task.participants)
+            scale = -BEND * (octaves[:, None] - own) ** 2
+            logit = scale[first, person] - scale[second, person] + ORDER
+            chosen = np.where(rng.random(len(first)) < expit(logit), FIRST, SECOND)
+            got = crossed(Comparisons(first, second, chosen, person, len(names)), names, numbers)
+            assert got is not None
+            found.append(got)
+        bests = np.array([one.best_hz for one in found if one.best_hz is not None])
+        ends_hz = [(one.best_low_hz, one.best_high_hz) for one in found if one.best_hz is not None]
+        known = [(low, high) for low, high in ends_hz if low is not None and high is not None]
+        holds = 100 * np.mean([low <= best_hz <= high for low, high in known])
+        without = 100 * (1 - len(bests) / studies), 100 * (1 - len(known) / studies)
+        bends = [one.bend.value for one in found if one.bend is not None]
+        cells = (
+            *(f"{best_hz:g}", f"{np.median(bests):.1f}", f"{np.std(np.log2(bests), ddof=1):.2f}", f"{holds:.1f}"),
+            *(f"{without[0]:.1f}", f"{without[1]:.1f}"),
+            *(f"{BEND:g}", f"{np.mean(bends):.3f}", f"{np.std(bends, ddof=1):.3f}"),
+        )
+        print(",".join(("the top", str(studies), str(task.participants), *cells)))
+
+
 def ahead(taps: int) -> None:
     """Print how well taps are predicted, by the tracker's rate, its noise, and how long before the touch."""
     step = Step(gate_top_mm=FROM_MM, gate_bottom_mm=AGAIN_MM, contact_mm=0.0)
@@ -193,5 +232,6 @@ if __name__ == "__main__":
     harder(asked)
     for study in SIDES:
         delays(study, asked)
+    crossover(asked)
     ahead(asked)
     print(f"{time.process_time() - start:.0f} s of the processor", file=sys.stderr)

@@ -18,7 +18,7 @@ import pandas as pd
 
 from palpate.analysis.designs import AnalysisDesign, Described
 from palpate.analysis.designs.comparison import results
-from palpate.analysis.designs.comparison.by_number import REDUCED, WORDS, delays, factors
+from palpate.analysis.designs.comparison.by_number import REDUCED, WORDS, crossovers, delays, factors
 from palpate.analysis.designs.comparison.estimates import Estimate
 from palpate.analysis.designs.comparison.force import force_sections
 from palpate.analysis.designs.comparison.results import (
@@ -114,6 +114,7 @@ def sections(study: Study, results: Compared, printed: Published | None) -> tupl
             _scales(results, stands),
             *factors(results, stands),
             *delays(results, stands),
+            *crossovers(results, stands),
         ),
         "Exploratory": (plan.marked(_bias(results), plan.EXPLORATORY),),
         "Left out": (plan.exclusions_section(study),),

@@ -1,4 +1,4 @@
-"""What the numbers of stimuli add to the quality that was compared, as sections: factors, and delays of a vibration."""
+"""What the numbers of stimuli add to the quality that was compared, as sections: factors, delays and crossovers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,11 @@ BY_DELAY = (
     Column("task", left=True), Column("delay_ms", "delay, ms", show="{:g}".format), Column("value", decimals=2),
     Column(("low", "high"), "95 % CI", 2),
 )  # fmt: skip
-FACTORS, DELAYS = "factors", "delays"
+BY_CROSSOVER = (
+    Column("task", left=True), Column("crossover_hz", "crossover, Hz", show="{:g}".format),
+    Column("value", decimals=2), Column(("low", "high"), "95 % CI", 2),
+)  # fmt: skip
+FACTORS, DELAYS, CROSSOVER = "factors", "delays", "crossover"
 """The planned tests of what of a stimulus carries the quality."""
 
 
@@ -132,5 +136,47 @@ def delays(results: Compared, stands: Standing) -> tuple[Section, ...]:
     return (Section("delays", f"Delays and {results.quality}", said, tuple(tables)),)
 
 
-WORDS: Mapping[str, Callable[[TaskComparisons], str]] = {FACTORS: _factor_words, DELAYS: _delay_words}
+def _crossover_words(task: TaskComparisons) -> str:
+    """Return in a sentence which crossover is best, and how sure that is."""
+    if (found := task.crossover) is None:
+        return "the protocol states no three crossovers that differ."
+    if (bend := found.bend) is None:
+        return f"no scale by crossover: {found.statement}."
+    bent = f"one octave beside its top a parabola lies {number(bend.value, 2)} logits lower ({interval(bend, 2)})"
+    if found.best_hz is None:
+        return f"{bent}; no crossover among these is the best."
+    if found.best_low_hz is None or found.best_high_hz is None:
+        return f"{bent}; its top lies at {found.best_hz:.3g} Hz, which no interval holds."
+    return f"{found.best_hz:.3g} Hz is best (95 % CI {found.best_low_hz:.3g} to {found.best_high_hz:.3g} Hz); {bent}."
+
+
+def crossovers(results: Compared, stands: Standing) -> tuple[Section, ...]:
+    """Return what each crossover adds, where surfaces have crossovers."""
+    known = [(task, task.crossover) for task in results.tasks if task.crossover is not None]
+    tables = []
+    for task, found in known:
+        records: list[Record] = [
+            {"task": task.task.id, "crossover_hz": hz, "value": one.value, **ends(one)}
+            for hz, one in zip(found.crossovers_hz, found.effects, strict=True)
+        ]
+        notes = ["In logits, from the lowest crossover. Intervals are over participants."]
+        if found.p is not None:
+            notes.append(
+                f"The scale of all crossovers fits better than a parabola over octaves with {p_is(found.p)}, as if "
+                "answers were independent."
+            )
+        notes += filter(None, (REDUCED if found.reduced else "", found.statement))
+        mark = stands.mark(CROSSOVER, task.task.id)
+        tables.append(tabulate(f"{task.task.title}: by crossover", BY_CROSSOVER, records, notes, standing=mark))
+    if not known:
+        return ()
+    said = tuple(f"{task.task.id}: {_crossover_words(task)}" for task, _ in known)
+    return (Section("crossover", f"Crossovers and {results.quality}", said, tuple(tables)),)
+
+
+WORDS: Mapping[str, Callable[[TaskComparisons], str]] = {
+    FACTORS: _factor_words,
+    DELAYS: _delay_words,
+    CROSSOVER: _crossover_words,
+}
 """What each planned test of these says of a task."""

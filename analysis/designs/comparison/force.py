@@ -117,13 +117,15 @@ def run_sums(law: Law, height_mm: Floats, asked_n: Floats, sent_n: Floats) -> Su
 
 
 def trace_sums(table: Path) -> tuple[Sums, int]:
-    """Return the sums over a trace on disk, and how many cycles are lost; no sums for a block that gives way.
+    """Return the sums over a trace on disk, and how many cycles are lost.
+
+    No sums for a block that gives way, or is felt up to a crossover.
 
     Raises `OSError`, `ValueError` and `KeyError` for a trace that cannot be read.
     """
     sidecar = json.loads(table.with_name(table.name.removesuffix(".tsv.gz") + ".json").read_text("utf-8"))
     facts, rate_hz = sidecar["Force"], float(sidecar["SamplingFrequency"])
-    if "BlockKilogram" in facts:
+    if {"BlockKilogram", "CrossoversHertz"} & set(facts):
         return NOTHING, facts["LostCycles"]
     law = Law(facts["StiffnessNewtonPerMetre"], facts["DampingNewtonSecondPerMetre"], facts["LimitNewton"], rate_hz)
     frame = pd.read_csv(table, sep="\t", names=sidecar["Columns"], na_values="n/a", dtype=float)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from palpate.analysis.designs.comparison.crossover import Crossed, crossed
 from palpate.analysis.designs.comparison.delays import Delayed, delayed
 from palpate.analysis.designs.comparison.estimates import Estimate, estimate
 from palpate.analysis.designs.comparison.factors import Factored, Numbers, factored
@@ -137,6 +138,7 @@ class TaskComparisons:
     scales: tuple[Scaled, ...]
     factors: Factored | None
     delays: Delayed | None
+    crossover: Crossed | None
     in_print: InPrint | None
 
     def pair(self, one: int, other: int) -> Pair:
@@ -259,6 +261,7 @@ def _task(study: Study, task: Task, printed: Published | None) -> TaskComparison
         scales=tuple(scaled(data, law) for law in laws),
         factors=factored(data, study.materials, study.factors or numbers, 1 if is_planned and study.factors else 2),
         delays=delayed(data, study.materials, numbers),
+        crossover=crossed(data, study.materials, numbers),
         in_print=_in_print(pairs, task.id, printed, study.materials),
     )
 

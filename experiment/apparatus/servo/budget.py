@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 UNKNOWN = (
     "How far the force is off is not known: that needs the mass of the device's tip (servo.tip_mass_kg), and a block "
-    "with a stiffness that is held."
+    "with a stiffness that is held, without crossovers."
 )
 
 
@@ -50,8 +50,8 @@ def refusal(virtual: Tapping, told: str, *, rig: str) -> Finding:
 def force_budget(virtual: Tapping, device: ServoRig, tracker: TrackerRig, *, limit_n: float) -> ForceBudget | None:
     """Return what of a protocol's force a rig's device gets right.
 
-    None where nothing is known of the mass of its tip, for a block that gives way, and for one without stiffness, which
-    asks for nothing of a hand at rest.
+    None where nothing is known of the mass of its tip, for a block that gives way or has crossovers, and for one
+    without stiffness, which asks for nothing of a hand at rest.
     """
     observer, alone = observer_of(virtual, device, tracker), virtual.mass_kg is not None or not virtual.stiffness_n_m
     if observer is None or device.tip_mass_kg is None or alone:

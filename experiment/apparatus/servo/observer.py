@@ -31,8 +31,11 @@ def least_kg(virtual: Tapping, tracker: TrackerRig) -> float:
 
 
 def observer_of(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> Observer | None:
-    """Return what tells a servo where its hand is; None where nothing is known of the device's mass."""
-    if device.tip_mass_kg is None:
+    """Return what tells a servo where its hand is; None where nothing is known of the device's mass.
+
+    None also for a force with crossovers: its filter calms the difference of two samples as well, and asks for less.
+    """
+    if device.tip_mass_kg is None or virtual.crossovers_hz:
         return None
     count_mm = max(abs((b.mm - a.mm) / (b.counts - a.counts)) for a, b in pairwise(tracker.calibration))
     noise_mm = hypot(QUIETEST_MM if tracker.noise_mm is None else tracker.noise_mm, QUANTUM_SD * count_mm)

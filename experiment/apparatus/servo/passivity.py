@@ -2,12 +2,13 @@
 
 The condition is Colgate and Schenkel's (`sampled.passive_from_n_s_m`). H is that of spring and damper on what the
 observer believes, with the force that is sent fed back to it. Where nothing is known of the device's mass, speed is the
-difference of two samples, and the bound is b > K T / 2 + C.
+difference of two samples, and the bound is b > K T / 2 + C. A force with a crossover rests on such differences too: the
+filter calms them, and an observer behind it would ask for more damping. Of several crossovers the worst counts.
 """
 
 from __future__ import annotations
 
-from math import ceil
+from math import ceil, inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,8 +69,11 @@ def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[boo
         has += f", and {device.hand_damping_n_s_m:g} N s/m are counted on from the hand ({device.hand_damping_source})"
     if observer is None:
         period_s = 1 / min(virtual.rate_hz, tracker.rate_hz)
-        needed = differences(stiffness_n_m=k, damping_n_s_m=c, period_s=period_s, delay_s=delay_s)
+        given = {"stiffness_n_m": k, "damping_n_s_m": c, "period_s": period_s, "delay_s": delay_s}
+        crossovers = virtual.crossovers_hz or (inf,)
+        needed, worst_hz = max((differences(**given, crossover_hz=hz), hz) for hz in crossovers)
         speed = "; the hand's speed is the difference of two samples"
+        speed += f"; the crossover at {worst_hz:g} Hz asks for most" if virtual.crossovers_hz else ""
     else:
         if observer.mass_kg < (least := least_kg(virtual, tracker)):
             return False, f"{block}; it trembles on less than {least:g} kg, and the device has {observer.mass_kg:g} kg."

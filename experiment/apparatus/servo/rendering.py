@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis.contact import path
+from palpate.experiment.synthesis.contact import lowpass, path
 from palpate.experiment.synthesis.contact.block import Block, Pair, new
 from palpate.experiment.synthesis.contact.observer import Observer, Seen
 from palpate.experiment.synthesis.contact.path import Left, State, Stepped
@@ -68,7 +68,7 @@ class Rendered(NamedTuple):
 
     `us` is the newest sample's device time, None before the first; `state` None without a force. The force, N, is not
     bounded yet. `armed`: the next touch counts. `speed_mm_s` is the latest mean, since `since_us` and `since_mm`.
-    `seen` is what an observer believes of the hand.
+    `seen` is what an observer believes of the hand, `relaxing_n` the G of a block with a crossover, N.
     """
 
     us: int | None = None
@@ -80,10 +80,11 @@ class Rendered(NamedTuple):
     since_us: int = 0
     since_mm: Pair = (0.0, 0.0)
     seen: Seen | None = None
+    relaxing_n: float = 0.0
 
     def silent(self) -> Rendered:
         """Return the same without a force, which begins again where the hand touches from outside."""
-        return self._replace(state=None, force_n=NO_FORCE)
+        return self._replace(state=None, force_n=NO_FORCE, relaxing_n=0.0)
 
 
 def bounded(force_n: Pair, limit_n: float) -> Pair:
@@ -125,7 +126,8 @@ def step(
     """Return what follows from a sample at (height, along the face), mm, and device time; it never raises.
 
     `sent_n` is the force that was sent since the sample before, N, which an observer is told. The spring along the face
-    is stretched no further than the device can hold it: its end slides with the hand.
+    is stretched no further than the device can hold it: its end slides with the hand. A block with a crossover is
+    smooth: it pushes along its normal alone.
     """
     passed_us = 0 if at.us is None else us - at.us
     # False for what is no number, too.
@@ -146,7 +148,7 @@ def step(
         was_m = seen[:2]
         seen = observer.step(seen, hand_m, dt_s, sent_n)
         hand_m, hand_m_s = seen[:2], seen[2:4]
-    state, force_n = at.state, NO_FORCE
+    state, force_n, relaxing_n = at.state, NO_FORCE, 0.0
     touches: tuple[Touch, ...] = ()
     if block is None:
         state = None
@@ -158,11 +160,14 @@ def step(
         except SynthesisError:
             state = None
         else:
-            state, force_n = _slid(block, stepped, limit_n), stepped.force_n
+            relaxing_n, force_n = _passed(block, at.relaxing_n, stepped.state, stepped.force_n, dt_s, limit_n)
+            state = _slid(block, stepped, limit_n)
             if armed and stepped.switches:
                 touches = _touches(stepped, us - passed_us, speed_mm_s)
     armed = armed and not touches
-    return new(Rendered, (us, place_mm, state, force_n, armed, speed_mm_s, since_us, since_mm, seen)), touches
+    return new(
+        Rendered, (us, place_mm, state, force_n, armed, speed_mm_s, since_us, since_mm, seen, relaxing_n)
+    ), touches
 
 
 def _touches(stepped: Stepped, begun_us: int, speed_mm_s: float) -> tuple[Touch, ...]:
@@ -172,6 +177,17 @@ def _touches(stepped: Stepped, begun_us: int, speed_mm_s: float) -> tuple[Touch,
         for _, one in stepped.switches
         if one.kind == "touch"
     )[:1]
+
+
+def _passed(
+    block: Block, relaxing_n: float, state: State, force_n: Pair, dt_s: float, limit_n: float
+) -> tuple[float, Pair]:
+    """Return G of a block with a crossover, and which force is let through, N."""
+    if block.crossover_hz == inf:
+        return 0.0, force_n
+    deep_m, deep_m_s = -state.hand_m[0], -state.hand_m_s[0]
+    relaxing_n, out_n = lowpass.step(block, relaxing_n, deep_m=deep_m, deep_m_s=deep_m_s, dt_s=dt_s, limit_n=limit_n)
+    return relaxing_n, (out_n, 0.0)
 
 
 def _slid(block: Block, stepped: Stepped, limit_n: float) -> State:

@@ -90,6 +90,7 @@ def _write_force(dataset: Dataset, path: Path, contents: Contents) -> None:
                 "StiffnessNewtonPerMetre": virtual.stiffness_n_m,
                 "DampingNewtonSecondPerMetre": virtual.damping_n_s_m,
                 **({} if virtual.mass_kg is None else {"BlockKilogram": virtual.mass_kg}),
+                **({"CrossoversHertz": list(virtual.crossovers_hz)} if virtual.crossovers_hz else {}),
                 "LimitNewton": largest_force_n(protocol.exposure.force_peak_n, rig.servo),
                 "Cycles": places.size,
                 "LostCycles": sum(entry.lost for entry, _ in pushed),

@@ -18,7 +18,7 @@ NAMED = {FIRST: "the material presented first", SECOND: "the one presented secon
 
 TESTS = {
     **dict.fromkeys(("Bradley-Terry", "Thurstone", "Davidson"), PlannableTest()),
-    **dict.fromkeys(("factors", "delays"), PlannableTest(since=7)),
+    **dict.fromkeys(("factors", "delays", "crossover"), PlannableTest(since=7)),
 }
 """The planned tests."""
 
@@ -51,8 +51,8 @@ def _rules(table: Table) -> Iterator[Broken]:
     """The design `comparison` needs `[comparison]`.
 
     No material has `key` or `spoken`, `answers.microphone` is false, and the planned tests are `Bradley-Terry`,
-    `Thurstone`, `factors` and `delays`, or, where there is a `tie_key`, `Davidson`. With two factors or more `ordered`
-    is false; then no task has `levels`.
+    `Thurstone`, `factors`, `delays`, `crossover`, or, where there is a `tie_key`, `Davidson`. With two factors or more
+    `ordered` is false; then no task has `levels`.
     """
     if table.get("comparison") is None:
         yield Broken(("comparison",), "a table: tasks of the design 'comparison' need it")

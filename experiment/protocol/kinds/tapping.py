@@ -1,16 +1,21 @@
 """Taps on samples or on virtual surfaces in a protocol: their table and their rules."""
 
 from collections.abc import Iterator
+from math import inf, pi
 from typing import Annotated
 
 from pydantic import Field
 
-from palpate.experiment.protocol.kinds import ProtocolKind, table_at, tables_at
+from palpate.experiment.protocol.kinds import ProtocolKind, number_at, table_at, tables_at
 from palpate.experiment.protocol.models import KindTable, Protocol
 from palpate.experiment.settings.load import Broken, Confined, Key, Name, Table
 
 OF_STEPS = ("frames-lost", "speed-below", "speed-above", "undelivered")
 """What only a footstep has, for an exclusion rule to judge."""
+
+
+NUMBERS = ("delay_ms", "crossover_hz")
+"""What surfaces may vary beside their waveforms: all or none state it."""
 
 
 class VirtualSurface(Confined):
@@ -22,12 +27,15 @@ class VirtualSurface(Confined):
         amplitude: L of Wellman and Howe: strength at 200 mm/s, as a part of `tapping.full_m_s2`.
         delay_ms: so long after the touch it begins to vibrate; below zero before it, which takes a prediction and an
             actuator on the audio device; all surfaces or none state it.
+        crossover_hz: below it the block's force is felt, and above it the vibration (first order each); at least
+            `K / (2 pi C)`; all surfaces or none state it. The block then pushes along its normal alone.
     """
 
     material: Name
     attack_hz: Annotated[float, Field(gt=0, le=20_000)]
     amplitude: Annotated[float, Field(ge=0, le=1)]
     delay_ms: Annotated[float, Field(ge=-20, le=50)] | None = Field(None, json_schema_extra={"since": 7})
+    crossover_hz: Annotated[float, Field(gt=0, le=1000)] | None = Field(None, json_schema_extra={"since": 7})
 
     @property
     def after_ms(self) -> float:
@@ -67,8 +75,14 @@ class Tapping(KindTable):
 
     @property
     def numbers(self) -> dict[str, dict[str, float]]:
-        delays = ((one.material, one.delay_ms) for one in self.surfaces)
-        return {material: {"delay_ms": delay_ms} for material, delay_ms in delays if delay_ms is not None}
+        stated = {one.material: {key: getattr(one, key) for key in NUMBERS} for one in self.surfaces}
+        known = {name: {key: of for key, of in one.items() if of is not None} for name, one in stated.items()}
+        return {name: one for name, one in known.items() if one}
+
+    @property
+    def crossovers_hz(self) -> tuple[float, ...]:
+        """The crossovers of all surfaces, rising; none where the force is felt at all frequencies."""
+        return tuple(sorted({one.crossover_hz for one in self.surfaces if one.crossover_hz is not None}))
 
     @property
     def ahead_ms(self) -> float:
@@ -86,7 +100,8 @@ def _rules(table: Table) -> Iterator[Broken]:
 
     A task whose `stimulus` is `virtual` needs `[tapping]` with a surface for each material, and
     `exposure.force_peak_n`; `masker.probe` is left out; exclusion rules judge answers and withdrawals; where one
-    surface has `delay_ms`, all have.
+    surface has `delay_ms` or `crossover_hz`, all have. With crossovers the block has no `mass_kg`, and no
+    `force_error_max`.
     """
     if table_at(table, "masker").get("probe") is not None:
         yield Broken(("masker", "probe"), "no table: real samples play no probe")
@@ -101,10 +116,35 @@ def _rules(table: Table) -> Iterator[Broken]:
         if one not in ids or one in surfaces[:i]:
             allowed = f"one of the materials, each once: {', '.join(map(str, ids))}"
             yield Broken(("tapping", "surfaces", i, "material"), allowed)
-    delays = [one.get("delay_ms") for _, one in tables_at(table_at(table, "tapping"), "surfaces")]
-    if any(one is None for one in delays) and any(one is not None for one in delays):
-        allowed = "a number of milliseconds, 0 at the touch: other surfaces state it"
-        yield Broken(("tapping", "surfaces", delays.index(None), "delay_ms"), allowed)
+    for key in NUMBERS:
+        of = [one.get(key) for _, one in tables_at(table_at(table, "tapping"), "surfaces")]
+        if any(one is None for one in of) and any(one is not None for one in of):
+            unit = "milliseconds, 0 at the touch" if key == "delay_ms" else "hertz"
+            yield Broken(("tapping", "surfaces", of.index(None), key), f"a number of {unit}: other surfaces state it")
+    yield from _crossed(table_at(table, "tapping"))
+
+
+def _crossed(tapping: Table) -> Iterator[Broken]:
+    """Yield what no block with crossovers has."""
+    stated = [(i, number_at(one, "crossover_hz")) for i, one in tables_at(tapping, "surfaces")]
+    crossovers = [(i, hz) for i, hz in stated if hz]
+    if not crossovers:
+        return
+    for key in ("mass_kg", "force_error_max"):
+        if tapping.get(key) is not None:
+            yield Broken(("tapping", key), "no value: with crossovers the block is held, and its error not known")
+    least_hz = least_crossover_hz(
+        number_at(tapping, "stiffness_n_m") or 0.0, number_at(tapping, "damping_n_s_m") or 0.0
+    )
+    for i, hz in crossovers:
+        if hz < least_hz:
+            allowed = f"at least {least_hz:.6g} Hz, K / (2 pi C): filtered below it, a block gives energy to the hand"
+            yield Broken(("tapping", "surfaces", i, "crossover_hz"), allowed)
+
+
+def least_crossover_hz(stiffness_n_m: float, damping_n_s_m: float) -> float:
+    """Return the lowest crossover of a block that is passive, K / (2 pi C), Hz: filtered below it, it gives energy."""
+    return stiffness_n_m / (2 * pi * damping_n_s_m) if damping_n_s_m else inf
 
 
 def _lacking(table: Table, without: list[str]) -> Iterator[Broken]:

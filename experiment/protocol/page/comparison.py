@@ -27,6 +27,8 @@ WORDS = DesignWords(
         "with 95 % intervals over participants",
         "delays": "what a vibration adds that comes earlier or later than the touch, on a scale of Bradley and Terry, "
         "and which delay is just noticed, with 95 % intervals over participants",
+        "crossover": "where on a scale of Bradley and Terry over the crossover from force to vibration most of the "
+        "quality lies, with its 95 % interval over participants",
     },
     track="each two materials",
     pairs=lambda _: (

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from math import log
 
 from palpate.experiment.protocol.blocks import Block, Item, Said, named, number
-from palpate.experiment.protocol.kinds.tapping import Tapping, rendered
+from palpate.experiment.protocol.kinds.tapping import Tapping, least_crossover_hz, rendered
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.protocol.page.words import KindWords
 
@@ -29,6 +29,12 @@ def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
         f"and is never above {number(protocol.exposure.force_peak_n or 0.0)} N. It falls to zero, as does the "
         "vibration, where the device, the tracker or the program fails."
     )
+    if virtual.crossovers_hz:
+        yield Said(
+            "Each surface has a crossover: below it the block's force is felt, and above it the vibration (filters of "
+            "first order). The block then pushes along its normal alone. With the surface the force's filter changes, "
+            "and a hand that is inside then feels no force until it has been outside."
+        )
     yield Said(_force(protocol.exposure.force_peak_n or 0.0, virtual))
     yield Said(
         "At the touch the finger is vibrated as a tap rings: a sinusoid that fades by exp(-t B), with B = "
@@ -38,7 +44,8 @@ def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
     for one in virtual.surfaces:
         ring = round(one.amplitude * virtual.full_m_s2, 6)
         when = "" if one.delay_ms is None else f", {_when(one.delay_ms)}"
-        yield Item(f"{named(one.material)}: {number(one.attack_hz)} Hz, {number(ring)} m/s^2{when}.")
+        hands_over = "" if one.crossover_hz is None else f", crossover at {number(one.crossover_hz)} Hz"
+        yield Item(f"{named(one.material)}: {number(one.attack_hz)} Hz, {number(ring)} m/s^2{when}{hands_over}.")
     if ahead_ms := virtual.ahead_ms:
         yield Said(
             f"A vibration of up to {number(ahead_ms)} ms before the touch is timed by a prediction from how the hand "
@@ -66,6 +73,14 @@ def _force(limit_n: float, virtual: Tapping) -> str:
     said = f"At a touch of {number(fastest)} mm/s the damper asks {asked_n:.4g} N"
     if asked_n > limit_n:
         said += f", and the participant feels {number(limit_n)} N of it at most"
+    if virtual.crossovers_hz:
+        least_hz = least_crossover_hz(k, c)
+        return (
+            f"{said}; the filter lets less of it through. It gives no energy to the hand, for no crossover is below "
+            f"K / (2 pi C), {least_hz:.4g} Hz; nor does a servo that samples it, on a device with enough damping of "
+            "its own (Colgate and Schenkel 1997), and no participant is run on a rig that has less. How far the force "
+            "is off is not known."
+        )
     said += (
         ". Where speed is the difference of two samples, a block that is held needs a device with "
         f"{k / virtual.rate_hz / 2 + c:.4g} N s/m of its own, K T / 2 + C, so that it gives no energy to the hand "

@@ -35,7 +35,8 @@ class Block:
 
     The diagonals are `stiffness_n_m` of K, N/m, `damping_n_s_m` of C, N s/m, and `mass_kg` of M, kg, infinite for a
     fixed block. `face_m` is a point (x, y) of the face, `into` the unit vector into the block; `force_n` presses block
-    and hand together, N. Steps of `nominal_s` are prepared and so faster, others as exact.
+    and hand together, N. Steps of `nominal_s` are prepared and so faster, others as exact. A servo renders a force
+    that is low-passed at `crossover_hz` (`lowpass`), and steppers that before it.
     """
 
     stiffness_n_m: Pair
@@ -46,6 +47,7 @@ class Block:
     into: Pair = (1.0, 0.0)
     force_n: Pair = (0.0, 0.0)
     nominal_s: float = 0.0
+    crossover_hz: float = inf
 
     def __post_init__(self) -> None:
         """Refuse what no equation accepts. Raises `SynthesisError`."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact import lowpass
 
 FREQUENCIES = 4096
 """So many are scanned up to pi / T: the worst is often far below it."""
@@ -25,17 +26,22 @@ PAPER_FASTEST_M_S, PAPER_FORCE_N = 0.175, 3.0
 """Its "maximum allowable velocity", and the peak force of its device, which the Virtual Environment Testbed prints."""
 
 
-def needed_damping_n_s_m(*, stiffness_n_m: float, damping_n_s_m: float, period_s: float, delay_s: float = 0.0) -> float:
+def needed_damping_n_s_m(
+    *, stiffness_n_m: float, damping_n_s_m: float, period_s: float, delay_s: float = 0.0, crossover_hz: float = inf
+) -> float:
     """Return the physical damping b that a device needs for a sampled wall to be passive, N s/m.
 
-    The wall is a spring and a damper by backward difference.
+    The wall is a spring and a damper by backward difference, whose force is let through up to a crossover (`lowpass`).
 
     Raises `SynthesisError` unless all are finite, K, C and the delay at least zero, and the period above zero.
     """
     _sampled(stiffness_n_m, damping_n_s_m, period_s, delay_s)
+    stays, adds_n_s_m = 0.0, damping_n_s_m
+    if crossover_hz < inf:
+        stays, adds_n_s_m = lowpass.relaxing(stiffness_n_m, damping_n_s_m, crossover_hz, period_s)
 
     def answers(before: Complexes, _: Complexes) -> Complexes:
-        return (stiffness_n_m + damping_n_s_m * (1.0 - before) / period_s)[:, None]
+        return (stiffness_n_m + adds_n_s_m * (1.0 - before) / (1.0 - stays * before) / period_s)[:, None]
 
     return passive_from_n_s_m(answers, period_s=period_s, delay_s=delay_s)
 

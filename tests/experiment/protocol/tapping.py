@@ -73,14 +73,24 @@ def protocol(**how: Any) -> Protocol:
     return ProtocolFile.model_validate(comparing(**how))
 
 
-def delayed(*delays_ms: float) -> dict[str, Any]:
-    """The same, each surface with its delay."""
+def varied(key: str, *values: float) -> dict[str, Any]:
+    """The same, each surface with a number of its own."""
     study = rendering()
-    surfaces = zip(study["tapping"]["surfaces"], delays_ms, strict=True)
-    study["tapping"]["surfaces"] = tuple({**one, "delay_ms": delay_ms} for one, delay_ms in surfaces)
+    surfaces = zip(study["tapping"]["surfaces"], values, strict=True)
+    study["tapping"]["surfaces"] = tuple({**one, key: value} for one, value in surfaces)
     return study
 
 
+def delayed(*delays_ms: float) -> dict[str, Any]:
+    """The same, each surface with its delay."""
+    return varied("delay_ms", *delays_ms)
+
+
 _MOVED = changed(delayed(-20.0, 0.0, 50.0), ("tapping", "mass_kg"), 2.0)
-STUDIES = (protocol(tie_key="3"), ProtocolFile.model_validate(changed(_MOVED, ("tapping", "force_error_max"), 0.5)))
+CROSSED = ProtocolFile.model_validate(varied("crossover_hz", 30.0, 60.0, 120.0))
+STUDIES = (
+    protocol(tie_key="3"),
+    ProtocolFile.model_validate(changed(_MOVED, ("tapping", "force_error_max"), 0.5)),
+    CROSSED,
+)
 """Together they state every key of taps and of comparisons."""

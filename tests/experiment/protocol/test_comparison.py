@@ -22,12 +22,13 @@ from palpate.experiment.settings import load
 from tests.approved import Refuses
 from tests.experiment.protocol import small
 from tests.experiment.protocol.small import changed
-from tests.experiment.protocol.tapping import comparing, live_alone, protocol, rendering
+from tests.experiment.protocol.tapping import comparing, live_alone, protocol, rendering, varied
 
 LOST = {"id": "lost", "when": "frames-lost", "limit": 0, "action": "repeat-trial", "reason": "x"}
 STEPS = small.document()["footstep"]
 SURFACES = rendering()["tapping"]["surfaces"]
 SECOND = ("tapping", "surfaces", 1, "material")
+CROSSED = varied("crossover_hz", 30.0, 60.0, 120.0)
 OF_TAPS = ", ".join(name for name in designs.NAMES if {*design_of(name).intervals} & {*kind_of("tapping").intervals})
 
 BROKEN = [
@@ -50,6 +51,11 @@ BROKEN = [
     (changed(rendering(), SECOND, "tin"), "tapping.surfaces[2].material", "each once: felt, cork, tin"),
     (changed(rendering(), SECOND, "oak"), "tapping.surfaces[1].material", "each once: felt, cork, tin"),
     (changed(rendering(), ("tapping", "switch_key"), "1"), "tapping.switch_key", "of its own"),
+    (changed(CROSSED, (*SECOND[:3], "crossover_hz"), None), "tapping.surfaces[1].crossover_hz", "a number of hertz"),
+    # 800 N/m over 2 pi 4 N s/m.
+    (changed(CROSSED, ("tapping", "damping_n_s_m"), 4.0), "tapping.surfaces[0].crossover_hz", "at least 31.831 Hz"),
+    (changed(CROSSED, ("tapping", "mass_kg"), 2.0), "tapping.mass_kg", "no value"),
+    (changed(CROSSED, ("tapping", "force_error_max"), 0.5), "tapping.force_error_max", "no value"),
     (changed(rendering(), ("tapping", "mass_kg"), -1.0), "tapping.mass_kg", "greater than 0"),
     (changed(rendering(), ("tapping", "stiffness"), 9.0), "tapping.stiffness", "no such key"),
     (changed(small.document(), ("tapping",), rendering()["tapping"]), "tapping", "of the kind 'footstep'"),

@@ -109,7 +109,7 @@ FULL = ProtocolFile.model_validate(changed(PLANNED, ("analysis", 0, "correction"
 """The small protocol with the keys that it leaves out and that have no value of their own then; keeping voices needs a
 microphone."""
 
-PAIRS, RENDERED = tapping.STUDIES
+PAIRS, RENDERED, _ = tapping.STUDIES
 
 NAMES = (*kinds.NAMES, *designs.NAMES)
 OWN = [name for name in (f"{tapping.__package__}.{name}" for name in NAMES) if find_spec(name)]

@@ -6,7 +6,8 @@ force does is added: m d" + (b + c) d' + k d = F, with the device's tip mass and
 
 The far end of the tracker's line knows the force beforehand: it samples, with the sensor's noise and counts, and steps
 palpate's own servo, which gets the same samples in simulated time and so sends the same force. In real time the servo's
-may differ by what it saw while the hand rested, and nothing moves the hand where the servo fell silent.
+may differ by what it saw while the hand rested, and nothing moves the hand where the servo fell silent. Of blocks with
+crossovers, that of the highest moves the hand, whichever lies there.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.wires.foot import Trajectory
-from palpate.experiment.session.kinds.tapping.virtual import block, limit_n
+from palpate.experiment.session.kinds.tapping.virtual import blocks, limit_n
 from palpate.experiment.synthesis.contact.block import Block
 from palpate.experiment.synthesis.contact.force import HAND_KG, HAND_N_M, HAND_N_S_M
 from palpate.experiment.synthesis.contact.observer import Observer
@@ -66,7 +67,7 @@ def device_of(protocol: Protocol, rig: Rig) -> Device:
     virtual, servo, tracker = protocol.table(Tapping), servo_of(rig), tracker_of(rig)
     return Device(
         tracker,
-        block(virtual, tracker_hz=tracker.rate_hz),
+        max(blocks(virtual, tracker_hz=tracker.rate_hz).values(), key=lambda one: one.crossover_hz),
         observer_of(virtual, servo, tracker),
         limit_n(protocol, rig),
         servo.tip_mass_kg or TIP_KG,

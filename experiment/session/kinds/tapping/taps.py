@@ -56,7 +56,7 @@ KEEPS_NS = 2_000_000_000
 
 @dataclass(frozen=True)
 class Lying:
-    """The surface that the hand meets: of which attempt, at which place of the pair, and its vibrations.
+    """The surface that the hand meets: of which attempt, at which place of the pair, its vibrations and its block.
 
     They begin `ahead_ns` before the touch; later ones begin with silence.
     """
@@ -66,6 +66,7 @@ class Lying:
     place: Place
     material: str
     rings: Rings
+    block: Block
     ahead_ns: int = 0
 
 
@@ -86,7 +87,10 @@ class _Sounding:
 
 @dataclass(kw_only=True)
 class Taps:
-    """The taps of one session, followed from now on; nothing lies there yet. `noise_mm` is the tracker's, mm rms."""
+    """The taps of one session, followed from now on; nothing lies there yet, but a `block` for practice.
+
+    `noise_mm` is the tracker's, mm rms.
+    """
 
     servo: Servo
     actuator: Actuator
@@ -115,7 +119,8 @@ class Taps:
         self._lock = threading.Lock()
         self._closing = False
         # For practice, without a vibration: nothing lies there before the first trial.
-        self.servo.render(self.block, self.lent.limits.ends_ns)
+        self._rendered: Block | None = self.block
+        self.servo.render(self._rendered, self.lent.limits.ends_ns)
         self._begin()
 
     def _begin(self) -> None:
@@ -139,9 +144,10 @@ class Taps:
             self._settle(wait=True)
             self._withdraw()
             self._keep(force)
-            if (lying is None) != (self._lying is None):
-                self._there = lying is not None
-                self.servo.render(self.block if self._there else None, self.lent.limits.ends_ns)
+            block = None if lying is None else lying.block
+            if (lying is None) != (self._lying is None) or block != self._rendered:
+                self._there, self._rendered = lying is not None, block
+                self.servo.render(block, self.lent.limits.ends_ns)
             self._lying = lying
 
     def reconnect(self) -> None:

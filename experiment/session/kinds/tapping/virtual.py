@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from math import inf
 from pathlib import Path
@@ -41,19 +41,22 @@ PLACES: tuple[Place, Place] = ("first", "second")
 
 @dataclass(frozen=True)
 class SurfaceDevices:
-    """`KindDevices`: servo, actuator, and vibrations by their materials' ids; `opened` closes what a session begins."""
+    """`KindDevices`: servo, actuator, vibrations and blocks by their materials' ids; `opened` closes what a session
+    begins.
+    """
 
     servo: Servo
     actuator: Actuator
     rings: Mapping[str, Rings]
-    block: Block
+    blocks: Mapping[str, Block]
     noise_mm: float
     opened: ExitStack
 
     def begin(self, lent: Lent) -> VirtualSurfaces:
-        taps = Taps(servo=self.servo, actuator=self.actuator, block=self.block, noise_mm=self.noise_mm, lent=lent)
+        block = max(self.blocks.values(), key=lambda one: one.crossover_hz)
+        taps = Taps(servo=self.servo, actuator=self.actuator, block=block, noise_mm=self.noise_mm, lent=lent)
         self.opened.callback(taps.close)
-        return VirtualSurfaces(self.rings, taps, lent)
+        return VirtualSurfaces(self.rings, self.blocks, taps, lent)
 
 
 def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, opened: ExitStack) -> SurfaceDevices:
@@ -73,8 +76,8 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     drive = open_drive(sitting.rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
     actuator = open_actuator(sitting, drive, stream=stream, ends=ends, opened=opened)
-    if not rig.rig.simulated and (unable := unscheduled(virtual, rig, sitting.rig_file)):
-        raise unable
+    if not rig.rig.simulated and (lacks := unable(virtual, rig, sitting.rig_file)):
+        raise lacks
     force = ends.force(opened)
     port, clock_map = ends.tracker(opened)
     servo = open_servo(
@@ -92,7 +95,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     tracker = tracker_of(rig)
     noise_mm = tracker.noise_mm if tracker.noise_mm is not None else QUIETEST_MM
     rings = vibrations(virtual, rig.actuator.rate_hz)
-    return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=tracker.rate_hz), noise_mm, opened)
+    return SurfaceDevices(servo, actuator, rings, blocks(virtual, tracker_hz=tracker.rate_hz), noise_mm, opened)
 
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
@@ -101,8 +104,8 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
     virtual, device, tracker = protocol.table(Tapping), servo_of(rig), tracker_of(rig)
     passivity.refuse_beyond(virtual, device, tracker, rig=rig.rig.name)
     budget.refuse_beyond(virtual, device, tracker, limit_n=limit_n(protocol, rig), rig=rig.rig.name)
-    if unable := unscheduled(virtual, rig, rig_file):
-        raise unable
+    if lacks := unable(virtual, rig, rig_file):
+        raise lacks
     refuse_unmeasured(rig_file, rig, today)
     zeroing.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
@@ -114,14 +117,15 @@ def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tup
     bears, told = passivity.judged(virtual, device, tracker)
     right, felt = budget.judged(virtual, device, tracker, limit_n=limit_n(protocol, rig))
     planar = "is planar: the block" if tracker_of(rig).readings == 2 else "is not planar: nothing"
+    planar = "follows the hand: with crossovers nothing" if virtual.crossovers_hz else planar
     omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     told = f"{told} {felt} The tracker {planar} pushes along the face." + (
         f" Of its vibrations, {omitted}." if omitted else ""
     )
     if not bears:
         return told, RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
-    if unable := unscheduled(virtual, rig, rig_file):
-        return told, unable
+    if lacks := unable(virtual, rig, rig_file):
+        return told, lacks
     return told, None if right else RigError.at(budget.refusal(virtual, felt, rig=rig.rig.name))
 
 
@@ -162,38 +166,49 @@ def surfaces(virtual: Tapping) -> dict[str, Surface]:
 
 
 def vibrations(virtual: Tapping, rate_hz: int) -> dict[str, Rings]:
-    """Return the vibrations of each surface at the actuator's rate; those that come after the touch begin silent."""
-    made = surfaces(virtual)
-    return {
-        one.material: tap.rings(made[one.material], rate_hz=rate_hz, aluminum_m_s2=virtual.full_m_s2).later(
-            max(one.after_ms, 0.0) * 1e-3
-        )
-        for one in virtual.surfaces
-    }
+    """Return the vibrations of each surface at the actuator's rate, above its crossover, if it has one.
+
+    Those that come after the touch begin silent.
+    """
+    made, rings = surfaces(virtual), {}
+    for one in virtual.surfaces:
+        whole = tap.rings(made[one.material], rate_hz=rate_hz, aluminum_m_s2=virtual.full_m_s2)
+        felt = whole if one.crossover_hz is None else whole.above(one.crossover_hz)
+        rings[one.material] = felt.later(max(one.after_ms, 0.0) * 1e-3)
+    return rings
 
 
-def unscheduled(virtual: Tapping, rig: Rig, rig_file: Path) -> RigError | None:
-    """Return why a rig cannot vibrate before a touch; None where it can or need not."""
+def unable(virtual: Tapping, rig: Rig, rig_file: Path) -> RigError | None:
+    """Return why a rig cannot vibrate before a touch, or push up to every crossover; None where it can or need not."""
+    band_hz, highest_hz = servo_of(rig).band_hz, max(virtual.crossovers_hz, default=0.0)
+    if band_hz is not None and band_hz < highest_hz:
+        what = f"cannot push up to {highest_hz:g} Hz, as the protocol's crossovers have it"
+        return RigError(rig_file, what, "take a device with a wider band", allowed="servo.band_hz of that, or more")
     if not virtual.ahead_ms or rig.actuator.driver == "audio":
         return None
     what = f"cannot vibrate {virtual.ahead_ms:g} ms before a touch, as the protocol has it"
     return RigError(rig_file, what, "take an actuator on the audio device, which plays at a time", allowed="audio")
 
 
-def block(virtual: Tapping, *, tracker_hz: int) -> Block:
-    """Return the block of a protocol, below height zero, prepared for a tracker's rate, Hz."""
+def blocks(virtual: Tapping, *, tracker_hz: int) -> dict[str, Block]:
+    """Return the block of each surface, below height zero, prepared for a tracker's rate, Hz.
+
+    They differ by their crossovers alone.
+    """
     k, c, m = virtual.stiffness_n_m, virtual.damping_n_s_m, inf if virtual.mass_kg is None else virtual.mass_kg
-    return Block((k, k), (c, c), (m, m), into=(-1.0, 0.0), nominal_s=round(1e6 / tracker_hz) * 1e-6)
+    whole = Block((k, k), (c, c), (m, m), into=(-1.0, 0.0), nominal_s=round(1e6 / tracker_hz) * 1e-6)
+    return {one.material: replace(whole, crossover_hz=one.crossover_hz or inf) for one in virtual.surfaces}
 
 
 @dataclass
 class VirtualSurfaces(Kind):
-    """Each attempt is a pair of surfaces, one rendered at a time; `rings` are their vibrations, by id.
+    """Each attempt is a pair of surfaces, one rendered at a time; `rings` and `blocks` are theirs, by id.
 
     Question and response times begin when the first can be tapped.
     """
 
     rings: Mapping[str, Rings]
+    blocks: Mapping[str, Block]
     taps: Taps
     lent: Lent
     _ready: PairLaidOut | None = field(default=None, init=False)
@@ -285,4 +300,5 @@ class VirtualSurfaces(Kind):
         rings = self.rings[material].scaled(self.lent.log.done.levels.get(pair.trial, 1.0))
         after_ms = self.lent.protocol.table(Tapping).numbers.get(material, {}).get("delay_ms", 0.0)
         ahead_ns = round(max(-after_ms, 0.0) * 1e6)
-        self.taps.lay(Lying(pair.trial, pair.attempt, PLACES[place], material, rings, ahead_ns))
+        lying = Lying(pair.trial, pair.attempt, PLACES[place], material, rings, self.blocks[material], ahead_ns)
+        self.taps.lay(lying)

@@ -74,7 +74,7 @@ def test_the_error_of_what_was_sent_is_that_of_a_simulation_that_knows_the_path(
     assert total.noise_part() < 0.05
 
 
-def written(folder: Path, runs: list[np.ndarray], **more: float) -> Path:
+def written(folder: Path, runs: list[np.ndarray], **more: float | list[float]) -> Path:
     """Write runs with a gap between them, as a dataset has them."""
     columns = ["hand_height", "force_asked", "force_sent"]
     stated = {"StiffnessNewtonPerMetre": 2500.0, "DampingNewtonSecondPerMetre": 100.0, "LimitNewton": 3.0}
@@ -98,9 +98,11 @@ def test_another_program_finds_the_same(tmp_path: Path, taps: list[tuple[np.ndar
     assert list(sums.parts().values()) == pytest.approx([float(one) for one in told.split()], abs=0.005)
 
 
-def test_nothing_is_stated_of_a_block_that_gives_way_or_a_run_that_is_too_short(tmp_path: Path) -> None:
+def test_nothing_is_stated_of_a_block_that_gives_way_or_has_crossovers_or_of_too_short_a_run(tmp_path: Path) -> None:
     run = np.tile([-0.1, 1.0, 1.0], (force.WINDOW - 1, 1))
-    for table in (written(tmp_path, [run]), written(tmp_path, [np.tile(run, (9, 1))], BlockKilogram=0.5)):
-        sums, _ = trace_sums(table)
+    long = [np.tile(run, (9, 1))]
+    crossed: dict[str, float | list[float]] = {"CrossoversHertz": [10.0, 20.0]}
+    for runs, facts in (([run], {}), (long, {"BlockKilogram": 0.5}), (long, crossed)):
+        sums, _ = trace_sums(written(tmp_path, runs, **facts))
         assert all(np.isnan(part) for part in sums.parts().values())
     assert len(CAUSES) == len(sums.parts())

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
-from math import hypot, inf, nan
+from math import hypot, inf, nan, pi
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lsim
 
 from palpate.experiment.apparatus.servo.rendering import AGAIN_MM, NO_FORCE, Rendered, Touch, bounded, step
 from palpate.experiment.synthesis.contact.block import Block, Pair
@@ -45,6 +47,42 @@ def test_a_held_block_pushes_as_equation_4_says() -> None:
     # 2 mm above the face, at 100 mm/s.
     (touch,) = touches
     assert touch == pytest.approx((20_000.0, 100.0, 100.0))
+
+
+CROSSED = replace(BLOCK, damping_n_s_m=(40.0, 40.0), crossover_hz=20.0)
+
+
+def test_a_force_below_a_crossover_is_the_law_low_passed() -> None:
+    """The filter of first order, of K r + C dr/dt from the touch on, by scipy; a hand of 50 mm/s stays below 3 N."""
+    heights = falling(50.0)
+    forces, touches, _ = followed(heights, block=CROSSED)
+    assert len(touches) == 1
+    inside = [n for n, mm in enumerate(heights) if mm < 1e-9]
+    turns, t = 2 * pi * 20.0, np.arange(len(inside)) * DT_US * 1e-6
+    _, wanted, _ = lsim(([turns * 40.0, turns * K], [1.0, turns, 0.0]), np.full(t.size, 0.05), t)
+    assert np.allclose([forces[n][0] for n in inside], wanted, rtol=1e-3, atol=5e-3)
+    assert [along for _, along in forces] == [0.0] * len(forces)
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10_000), st.sampled_from([7.0, 20.0, 200.0]))
+def test_a_force_below_a_crossover_stays_within_its_limit_and_gives_no_energy(seed: int, hz: float) -> None:
+    """A hand of any path, which begins and ends outside: work of the mean force from sample to sample, finely sampled.
+
+    800 N/m and 40 N s/m let a crossover of 3.2 Hz be passive. A limit of 0.5 N is often reached.
+    """
+    rng, us = np.random.default_rng(seed), 50
+    knots = np.concatenate([[2.0], rng.uniform(-2.0, 0.5, 6), [2.0]])
+    heights = np.interp(np.arange(0.0, 7.0, 0.005), np.arange(8.0), knots)
+    at, forces = Rendered(), []
+    for n, mm in enumerate(heights.tolist()):
+        at, _ = step(replace(CROSSED, crossover_hz=hz), at, n * us, (mm, 3.0 * mm), limit_n=0.5)
+        forces.append(at.force_n[0])
+    assert min(forces) >= 0.0
+    assert max(forces) <= 0.5
+    pushed = np.array(forces)
+    given_j = np.cumsum((pushed[1:] + pushed[:-1]) / 2 * np.diff(heights) * 1e-3)
+    assert given_j.max() <= 1e-5
 
 
 def test_a_planar_hand_is_pushed_along_the_face_too() -> None:

@@ -41,7 +41,7 @@ from palpate.experiment.session.kinds.tapping import taps, virtual
 from palpate.experiment.session.kinds.tapping.taps import Taps
 from palpate.experiment.session.kinds.tapping.virtual import PLACES
 from palpate.experiment.synthesis.contact.block import Block
-from tests.experiment.protocol.tapping import delayed, rendering
+from tests.experiment.protocol.tapping import CROSSED, delayed, rendering
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.kinds.tapping.bench import contents
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole
@@ -175,7 +175,7 @@ class Session:
             servo=self.servo,
             actuator=self.actuator,
             rings=virtual.vibrations(protocol.table(Tapping), RATE_HZ),
-            block=virtual.block(protocol.table(Tapping), tracker_hz=1000),
+            blocks=virtual.blocks(protocol.table(Tapping), tracker_hz=1000),
             noise_mm=0.01,
             opened=ExitStack(),
         )
@@ -373,6 +373,34 @@ def test_a_later_vibration_begins_with_silence_of_its_delay(tmp_path: Path) -> N
     assert np.flatnonzero(late)[0] - np.flatnonzero(at_once)[0] == round(0.05 * RATE_HZ)
 
 
+def test_each_surface_pushes_below_its_crossover_and_vibrates_above(tmp_path: Path) -> None:
+    script: Script = [([touch(100.0)], "s"), ([touch(100.0, 2_000_000)], "1"), ([], "2")]
+    session = Session(script, tmp_path, protocol=CROSSED)
+    # The first pair is `felt` and `tin`; before it there is a block for practice.
+    rendered = [one.crossover_hz for one in session.servo.rendered[:3] if one is not None]
+    assert rendered == [120.0, 30.0, 120.0]
+    # The bilinear filter of first order, written out: y[n] = (x[n] - x[n - 1] + (1 - g) y[n - 1]) / (1 + g).
+    t = np.arange(session.actuator.played[0].size) / RATE_HZ
+    for played, hz, part, crossover_hz in zip(
+        session.actuator.played, (60.0, 900.0), (0.1, 0.5), (30.0, 120.0), strict=True
+    ):
+        whole = 40.0 * part * 0.5 * np.exp(-100.0 * t) * np.sin(2 * np.pi * hz * t)
+        g, wanted, before = np.tan(np.pi * crossover_hz / RATE_HZ), [0.0], 0.0
+        for now in whole[1:]:
+            wanted.append((now - before + (1 - g) * wanted[-1]) / (1 + g))
+            before = now
+        assert np.allclose(played / np.abs(played).max(), wanted / np.abs(wanted).max(), rtol=0, atol=1e-9)
+
+
+def test_a_device_whose_band_ends_below_a_crossover_is_refused() -> None:
+    rig_file = shipped("rigs/tapping.toml")
+    loaded = rig.load(rig_file)
+    for band_hz, refused in ((119.0, True), (120.0, False), (None, False)):
+        servo = loaded.servo and loaded.servo.model_copy(update={"band_hz": band_hz})
+        narrow = virtual.unable(CROSSED.table(Tapping), loaded.model_copy(update={"servo": servo}), rig_file)
+        assert (narrow is not None) == refused
+
+
 def test_a_vibration_that_began_before_a_touch_that_did_not_come_is_on_record(tmp_path: Path) -> None:
     script: Script = [(falling(110.0, turns_mm=1.0), "1"), ([], "2")]
     for sounds, folder in ((True, tmp_path / "sounded"), (False, tmp_path / "withdrawn")):
@@ -385,8 +413,8 @@ def test_a_rig_that_plays_at_no_set_time_is_refused_for_a_vibration_before_the_t
     rig_file = shipped("rigs/tapping.toml")
     loaded = rig.load(rig_file)
     late = ProtocolFile.model_validate(delayed(0.0, 10.0, 50.0))
-    assert virtual.unscheduled(EARLY.table(Tapping), loaded, rig_file) is not None
-    assert virtual.unscheduled(late.table(Tapping), loaded, rig_file) is None
+    assert virtual.unable(EARLY.table(Tapping), loaded, rig_file) is not None
+    assert virtual.unable(late.table(Tapping), loaded, rig_file) is None
 
 
 def sped_up(before_us: int) -> list[Felt | PalpateError]:
@@ -579,7 +607,7 @@ def test_the_lamp_stays_lit_for_half_a_second() -> None:
     following = Taps(
         servo=servo,
         actuator=ScriptedActuator(),
-        block=virtual.block(PROTOCOL.table(Tapping), tracker_hz=1000),
+        block=next(iter(virtual.blocks(PROTOCOL.table(Tapping), tracker_hz=1000).values())),
         noise_mm=0.01,
         lent=Lent(protocol=PROTOCOL, header=ASKED, console=unused, clock=clock, log=unused, limits=limits),
     )
