@@ -81,10 +81,9 @@ def _question(table: Table) -> Iterator[Broken]:
 
 
 def _fact(table: Table) -> Iterator[Broken]:
-    """As a question; `id` is none that palpate or BIDS uses. `sex` and `handedness` have the values of BIDS.
+    """As a question; `id` is none that palpate or BIDS uses; `age` in years is at most 89; a number alone has `group`.
 
-    These are female, male, other; and left, right, ambidextrous. `age` in years is at most 89. A number alone has
-    `group`.
+    `sex` is female, male, other; `handedness` left, right, ambidextrous, as in BIDS.
     """
     yield from _question(table)
     name, values = table.get("id"), list_at(table, "values")
