@@ -147,11 +147,15 @@ def at_once(words: str) -> None:
 
 
 def say(words: str, *, err: bool = False) -> None:
-    """Print sentences in lines that end between words where the terminal does."""
+    """Print lines that end between words where the terminal does; one with an indent goes on further in."""
     import textwrap
 
+    width = columns(10_000)
     for line in words.split("\n"):
-        typer.echo(textwrap.fill(line, columns(10_000), break_long_words=False, break_on_hyphens=False), err=err)
+        left = len(line) - len(line.lstrip())
+        onward = " " * (left + 2) if left else ""
+        broken = textwrap.wrap(line, width, subsequent_indent=onward, break_long_words=False, break_on_hyphens=False)
+        typer.echo("\n".join(broken), err=err)
 
 
 def check_terminal(remedy: Remedy | str) -> None:

@@ -216,9 +216,11 @@ def plan(
     heading = f"Measured with: {source}\nRig: {named}"
     doubts = _threshold_doubts(files.load(protocol_file))
     document["doubts"] = [one.sentence() for one in doubts]
-    options.put(document if as_json else "\n\n\n".join([heading, *(one.text() for one in plans)]))
-    for one in () if as_json else doubts:
-        typer.echo(f"\n{one.sentence()}.")
+    if as_json:
+        options.put(document)
+    else:
+        options.say("\n\n\n".join([heading, *(one.text() for one in plans)]))
+        options.say("".join(f"\n{one.sentence()}.\n" for one in doubts).removesuffix("\n"))
     if any(one.refused for one in plans):
         raise typer.Exit(RigError.exit_code)
 

@@ -169,10 +169,10 @@ def calibrate_tracker(
         raise Interrupted("the calibration was interrupted", remedy="nothing was written") from None
     after = calibrating.calibrated(before, made, days)
     for line in calibrating.report(made):
-        typer.echo(line)
+        options.say(line)
     if step is not None:
         rigs.check(after, step)
-        typer.echo(f"It reaches past the gate ({step.gate_top_mm:g} mm) and the panel ({step.contact_mm:g} mm).")
+        options.say(f"It reaches past the gate ({step.gate_top_mm:g} mm) and the panel ({step.contact_mm:g} mm).")
     if out is None:
         typer.echo(f"\n{calibrating.table(after)}")
     else:

@@ -501,6 +501,8 @@ class LinkedConsole:
         if (wanted := self._take_repeated()) is not None:
             return Reply(remark=wanted)
         reply = self._reply(question)
+        if reply.key in (*question.answers, question.none):
+            self._now(may="")
         return replace(reply, remark=self._take_repeated())
 
     def ignored(self) -> str:

@@ -265,7 +265,7 @@ class Console(App[Left]):
                 FIELDS[key](self.screen)
                 return True
             if key not in (messages.ENTER, messages.ESCAPE, *COMMANDS):
-                return False
+                return self._board.blanks.edit(key)
         if held and key not in (*messages.SAFE, *SCROLLS):
             pressed = f"{keycap(key)} was held down, or pressed again at once, which does not count."
             self._say(f"{pressed} If you mean it, press it after a second.", "ignored")

@@ -31,10 +31,11 @@ class NotFilledIn(ValueError):
 
 @dataclass(frozen=True)
 class Blank:
-    """One field to fill in: its name, and what stands in it at first."""
+    """One field to fill in: its name, what stands in it at first, and what it takes, None for anything."""
 
     name: str
     text: str = ""
+    takes: str | None = None
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,9 @@ class Form:
     question: int = 0
 
 
+NUMBER = r"\d*"
+"""What the number of a trial is typed with."""
+
 BREAK_MIN = "5"
 """What stands in the field for a break's length at first, min."""
 
@@ -64,14 +68,14 @@ def opened(name: str, view: View) -> Form:
             about = f"trial {trial}" if trial is not None else "the session"
             form = Form(name, f"Note on {about}. It may name no person.", "puts it on disk", (Blank("Note"),))
         case "correct":
-            blanks = (Blank("Trial", answered), Blank("Key"), Blank("Reason"))
+            blanks = (Blank("Trial", answered, NUMBER), Blank("Key"), Blank("Reason"))
             keys = ", ".join(f"{one.key}={one.words}" for one in answers(view))
             title = "Correct an answer. Both answers stay on record."
             form = Form(name, title, "corrects it", blanks, f"Keys: {keys}" if keys else "")
         case "repeat":
             under_way = str(trial) if trial is not None else answered
             title = "Have a trial done again at the end of its block. If it was answered, that answer no longer counts."
-            form = Form(name, title, "has it done again", (Blank("Trial", under_way), Blank("Reason")))
+            form = Form(name, title, "has it done again", (Blank("Trial", under_way, NUMBER), Blank("Reason")))
         case "incident":
             title = "Adverse event, or deviation from the protocol. It stays on record for ever, and names nobody."
             blanks = (Blank("a or d"), Blank("Happened"), Blank("Done"))

@@ -109,6 +109,17 @@ class Places(Horizontal):
             cell.update(now.word if lit else word.lower(), layout=False)
 
 
+EDITS = {
+    "backspace": "delete_left",
+    "delete": "delete_right",
+    "left": "cursor_left",
+    "right": "cursor_right",
+    "home": "home",
+    "end": "end",
+}
+"""What a field does at a key that types nothing."""
+
+
 class Blanks(Vertical):
     """The one form that is open, or none; it is there from the beginning, so that no key falls between."""
 
@@ -119,6 +130,7 @@ class Blanks(Vertical):
         yield Static(markup=False, id="title")
         for number in range(self.MOST):
             with Horizontal():
+                yield Static(markup=False, classes="at")
                 yield Label(markup=False)
                 yield Input(max_length=MOST_CHARACTERS, id=f"blank{number}")
         yield Static(markup=False, id="hint")
@@ -130,8 +142,10 @@ class Blanks(Vertical):
         for number, row in enumerate(self.query(Horizontal)):
             row.display = number < len(form.blanks)
             if row.display:
-                row.query_one(Label).update(form.blanks[number].name)
-                row.query_one(Input).value = form.blanks[number].text
+                blank, field = form.blanks[number], row.query_one(Input)
+                row.query_one(Label).update(blank.name)
+                field.restrict = blank.takes
+                field.value = blank.text
         self.display = True
         self._begin()
 
@@ -139,6 +153,20 @@ class Blanks(Vertical):
         """Show no form."""
         self.display = False
         self._focus(None)
+
+    def edit(self, key: str) -> bool:
+        """Change the field as a key does that types nothing, after what was typed before; return whether it is one."""
+        field = self.screen.focused
+        if key not in EDITS or not isinstance(field, Input):
+            return False
+        # Its own binding would come after what is typed next, where both arrive at once.
+        field.call_later(getattr(field, f"action_{EDITS[key]}"))
+        return True
+
+    def on_descendant_focus(self) -> None:
+        """Show at a field that what is typed goes there."""
+        for row in self.query(Horizontal):
+            row.query_one(".at", Static).update(">" if row.query_one(Input).has_focus else "")
 
     def take_keys(self) -> None:
         """Have what is typed go to a field, if a click elsewhere took it away."""

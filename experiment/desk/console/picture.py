@@ -93,7 +93,7 @@ LEFT = 130
 FAILED = Phase("FAILED", "", RED)
 """A session whose process ended with a fault."""
 
-TRIED = Phase("ANSWER", "ANSWER", GREY, "Both surfaces are tried, or the answer is being written. Nothing is asked.")
+TRYING = Phase("ANSWER", "ANSWER", GREY, "The participant tries both surfaces. Nothing is asked yet.")
 STEPPED = Phase("ANSWER", "ANSWER", GREY, "The step counts. Nothing is asked yet.")
 STEPPING = Phase("STEPPING", "STEPPING", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
 AGAIN = Phase("AGAIN", "ARMED", BLUE, "The attempt before did not count. {why}. Again the participant may {may}.")
@@ -116,7 +116,7 @@ def phase(view: View) -> Phase:
     if view.state == "armed":
         now = AGAIN if view.again else STATES["armed"]
         return replace(now, says=now.says.format(may=view.may, why=view.again))
-    return TRIED if view.at_will and view.state == "answering" else STATES[view.state]
+    return TRYING if view.at_will and view.may and view.state == "answering" else STATES[view.state]
 
 
 def strip(view: View) -> tuple[str, ...]:

@@ -200,6 +200,15 @@ def test_a_terminal_is_told_at_once_what_is_done(
     assert err.startswith(told) is terminal
 
 
+def test_a_line_with_an_indent_goes_on_further_in(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "44")
+    options.say("Recordings:\n\n  8 m/s^2: 0.5 s, at most 8.1 m/s^2 at its peak")
+    *_, whole, rest = capsys.readouterr().out.splitlines()
+    assert (len(whole) <= 44, rest) == (True, "    peak")
+
+
 def test_sentences_end_their_lines_between_words(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -797,6 +797,19 @@ def test_a_pair_that_is_rendered_can_be_felt_at_once(at_will: bool, state: str) 
     assert shown(one).state == state
 
 
+def test_a_pair_is_tried_until_its_answer_is_pressed(bench: Bench) -> None:
+    bench.linked.ask(Arm(1, 1, 4, may="tap"))
+    tried: list[str] = []
+    for key in ("s", "c"):
+        asked = bench.asks(lambda: bench.linked.ask(TrialAnswer(1, {"c": "cork"}, "n", {"s": "the other"})))
+        bench.question("answer")
+        tried.append(shown(bench.linked).may)
+        bench.press("answer", key)
+        asked.result(10)
+        tried.append(shown(bench.linked).may)
+    assert tried == ["tap", "tap", "tap", ""]
+
+
 def test_another_trial_is_laid_out_without_the_attempts_of_the_last(bench: Bench) -> None:
     bench.linked.ask(Arm(1, 3, 4))
     laid = bench.asks(lambda: bench.linked.ask(Place(2, ("cork",))))

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from rich.segment import Segment
 from syrupy.assertion import SnapshotAssertion
+from textual import events
 from textual.widget import Widget
 from textual.widgets import Input
 
@@ -222,6 +223,24 @@ def test_a_key_between_two_presses_shows_that_none_was_held(tmp_path: Path) -> N
         await there.press("f3")
         await there.press("shift+tab", "enter", "a", "enter", *"slip", "enter", after_s=0.08)
         assert await there.deeds(1) == [Correct(trial=2, key="a", reason="slip")]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_a_form_shows_where_typing_goes_and_takes_what_comes_at_once_in_order(tmp_path: Path) -> None:
+    """Trial 2 is selected in its field; Backspace and a digit come in one burst, as from a terminal, and a letter."""
+
+    async def then(there: Desk) -> None:
+        await there.press("f3")
+        marks = there.app.query(".at")
+        assert [str(one.render()) for one in marks][:3] == ["", ">", ""]
+        await there.press("shift+tab")
+        await there.until(lambda: [str(one.render()) for one in marks][:3] == [">", "", ""])
+        for key, character in (("backspace", "\x7f"), ("1", "1"), ("x", "x")):
+            there.app.post_message(events.Key(key, character))
+        await there.pilot.pause()
+        await there.press("enter", "a", "enter", *"slip", "enter")
+        assert await there.deeds(1) == [Correct(trial=1, key="a", reason="slip")]
 
     at_a_desk(tmp_path, ARMED, then)
 

@@ -67,6 +67,12 @@ def test_a_foot_that_moves_is_told_only_where_a_trial_is_armed() -> None:
     assert picture.phase(landed) is picture.STEPPED
 
 
+def test_what_is_tried_at_will_is_told_apart_from_an_answer_that_is_written() -> None:
+    view = View(state="answering", at_will=True, may="tap")
+    assert picture.phase(view) is picture.TRYING
+    assert picture.phase(view.model_copy(update={"may": ""})) is picture.STATES["answering"]
+
+
 @given(st.lists(FINITE, min_size=1, max_size=400), st.integers(12, 80), st.integers(1, 5))
 def test_a_trace_stays_within_its_lines(values: list[float], width: int, rows: int) -> None:
     drawn = picture.trace(tuple(values), "mm", width, rows).plain.split("\n")
