@@ -98,12 +98,12 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     rises = bool((np.sum(np.sign(np.diff(counts))) or counts[-1] - counts[0]) > 0)
     if (at := _unfit(counts, spreads, rises)) is not None:
         way = "rise or all fall" if counts[-1] == counts[0] else "rise" if rises else "fall"
-        read = ", ".join(f"{each:g} at {one.mm:g} mm" for each, one in zip(counts, by_height, strict=True))
+        read = ", ".join(f"{each:g} counts at {one.mm:g} mm" for each, one in zip(counts, by_height, strict=True))
         pair = f"those at {by_height[at].mm:g} and {by_height[at + 1].mm:g} mm do not fit each other"
         pair = f"{pair}, with a spread of {max(spreads[at : at + 2]):.1f}"
         raise TrackerError(
             "calibration",
-            f"got the readings {read}; {_blame(by_height, counts, spreads, rises) or pair}",
+            f"got {read}; {_blame(by_height, counts, spreads, rises) or pair}",
             "see that nothing moves, or leave out heights that the sensor cannot tell apart",
             allowed=f"readings that all {way} with height, {APART:g} spreads apart",
         )

@@ -68,11 +68,11 @@ def test_noise_is_that_of_the_readings_in_mm() -> None:
     [
         ([(0.0, 5.0)], "got the heights 0 mm; allowed: two or more"),
         ([(0.0, 5.0), (0.0, 9.0)], "got the heights 0, 0 mm; allowed: two or more, all different"),
-        ([(0.0, 5.0), (10.0, 50.0), (20.0, 40.0)], "got .*50 at 10 mm, 40 at 20 mm; .* all rise"),
+        ([(0.0, 5.0), (10.0, 50.0), (20.0, 40.0)], "got .*50 counts at 10 mm, 40 counts at 20 mm; .* all rise"),
         # The lowest was read with the target still at 30 mm: it alone is wrong, and the others rise.
         (
             [(-2, 1400), (0, 120), (10, 200), (20, 280), (50, 520)],
-            "got the readings 1400 at -2 mm.*that at -2 mm.*rise",
+            "got 1400 counts at -2 mm.*that at -2 mm.*rise",
         ),
         ([(0, 120), (10, 200), (20, 150), (50, 520)], "got .*; those at 10 and 20 mm.* all rise"),
         ([(0.0, 50.0), (10.0, 50.0)], ".* readings that all rise or all fall with height"),
