@@ -155,9 +155,7 @@ class Audit:
 
 def _sentences(lines: Sequence[Line]) -> Iterator[str]:
     """Yield a sentence for each line, and one for neighbours that cannot be decided, or many, for the same reason."""
-    for (place, verdict, reason), alike in groupby(
-        lines, lambda one: (f"{one.where}, {one.task}", one.verdict, one.reason)
-    ):
+    for (place, verdict, reason), alike in groupby(lines, lambda one: (_place(one), one.verdict, one.reason)):
         same, why = list(alike), f"{verdict}: {reason}" if reason else verdict
         if len(same) > (1 if verdict in UNDECIDED else MOST_ALIKE if reason else len(same)):
             subjects = " to ".join(dict.fromkeys((same[0].subject, same[-1].subject)))
@@ -286,10 +284,10 @@ def beside_print(study: Study, results: Results, printed: Published) -> tuple[Se
 
 def comparison_section(origin: str, comparison: Comparison) -> Section:
     """Return every printed number beside the recomputed one; `origin`, a key of `OWN`, decides the wording."""
-    places: dict[tuple[str, str], list[Line]] = {}
+    places: dict[str, list[Line]] = {}
     for line in comparison.lines:
-        places.setdefault((line.where, line.task), []).append(line)
-    tables = tuple(_table(f"{where}, {task}", lines, origin) for (where, task), lines in places.items())
+        places.setdefault(_place(line), []).append(line)
+    tables = tuple(_table(place, lines, origin) for place, lines in places.items())
     counted = _counted(comparison.lines, origin)
     if comparison.unread:
         counted += f" {plural(comparison.unread, 'cell')} {'was' if comparison.unread == 1 else 'were'} not read."
@@ -301,6 +299,11 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
     title = "Printed numbers against one another" if origin == PRINT else "Against the paper"
     records = tuple(_record(line, origin) for line in comparison.lines)
     return Section("comparison", title, tuple(filter(None, paragraphs)), tables, records)
+
+
+def _place(line: Line) -> str:
+    """Return where a number stands, and of which task, unless the place has the same name."""
+    return line.where if line.where.lower() == line.task.lower() else f"{line.where}, {line.task}"
 
 
 def _record(line: Line, origin: str) -> Record:

@@ -57,6 +57,12 @@ TITLES = {
     "noise": "Noise of the masker",
     "contact": "Contact with a virtual block: equations (4) and (5) of Wellman and Howe",
 }
+LABELS = {
+    "resampling": "SIMULATED recordings", "shaping": "SIMULATED responses", "noise": "SIMULATED noise",
+    "contact": "SIMULATED contacts", "force": "SIMULATED devices", "cases": "SIMULATED cases",
+}  # fmt: skip
+"""The labels of tables without spectra."""
+
 FILES = (
     *(f"{slug}.csv" for slug in (*TITLES, "conditions", "budget", "force", "cases")),
     *(f"{name}.{kind}" for name in ("numerics", "contact", "budget") for kind in ("svg", "png")),
@@ -119,7 +125,7 @@ def write(result: Numerics, out: Path) -> tuple[Path, ...]:
     """Write tables (CSV, Markdown) and the plot (PNG, SVG) into a folder; return the files. Errors as `check_out`."""
     check(out, FILES, "numerics")
     parts = sections(result)
-    files = {f"{part.slug}.csv": comma_separated(part, LABEL).encode() for part in parts}
+    files = {f"{part.slug}.csv": comma_separated(part, LABELS.get(part.slug, LABEL)).encode() for part in parts}
     page = [f"**{LABEL}**\n", *(markdown(part, "") for part in parts), result.verdict, ""]
     files["numerics.md"] = "\n".join(page).encode()
     drawn = {

@@ -267,7 +267,7 @@ def observer(right: float, spread: float, protocol: Protocol) -> ChoiceModel:
     Raises `PowerError` for a share that is not between 0 and 1, or a spread that is not from 0 to `MOST_SPREAD`.
     """
     if not (0 < right < 1 and 0 <= spread <= MOST_SPREAD):
-        allowed = f"a share of right answers between 0 and 1, and a spread from 0 to {MOST_SPREAD}"
+        allowed = f"a share of right answers above 0 and below 1, and a spread from 0 to {MOST_SPREAD}"
         raise PowerError("--model", f"got {right:g},{spread:g}", "give two numbers", allowed=allowed)
     ids = [material.id for material in protocol.materials]
     tasks = []

@@ -156,7 +156,7 @@ def stated(file: Path, protocol: Protocol) -> PairModel:
         at = np.array([values[name] for name in ids])
         ranks = ranked(protocol, at)
         observers.append(Observers(task, at - at.mean(), stated.order, stated.spread, stated.order_spread, ranks))
-    return PairModel(f"stated in {file.name}: {stated.source}", tuple(observers))
+    return PairModel(f"stated in {file.name}: {stated.source}", tuple(observers), _never(observers, ids))
 
 
 def from_print(printed: Published, protocol: Protocol) -> PairModel:
@@ -183,7 +183,7 @@ def from_print(printed: Published, protocol: Protocol) -> PairModel:
         observers.append(Observers(task, values, 0.0, SPREAD, SPREAD, ranked(protocol, values)))
     note = f"no paper prints how much participants differ: the spread is ours, {SPREAD:g} logits"
     where = " and ".join(dict.fromkeys(blocks[task].where for task in tasks))
-    return PairModel(f"percentages of {where} of {printed.source}", tuple(observers), (note,))
+    return PairModel(f"percentages of {where} of {printed.source}", tuple(observers), (note, *_never(observers, ids)))
 
 
 def fitted(folder: Path, protocol: Protocol) -> PairModel:
@@ -215,7 +215,21 @@ def fitted(folder: Path, protocol: Protocol) -> PairModel:
         ranks = ranked(protocol, found.values[0])
         observers.append(Observers(task, found.values[0], float(found.order[0]), spread, order_spread, ranks))
     label = f" ({study.label})" if study.label else ""
-    return PairModel(f"fitted to the answers in {folder.name}{label}", tuple(observers), (MEAN,), study.label)
+    notes = (MEAN, *_never(observers, ids))
+    return PairModel(f"fitted to the answers in {folder.name}{label}", tuple(observers), notes, study.label)
+
+
+def _never(observers: Sequence[Observers], ids: Sequence[str]) -> tuple[str, ...]:
+    """Return a sentence on each task whose values do not rise in the order in which its steps are asked for."""
+    steps = {one.task: pairwise(one.ranks or range(len(ids))) for one in observers}
+    every = {
+        one.task: [(ids[a], ids[b]) for a, b in steps[one.task] if one.values[b] <= one.values[a]] for one in observers
+    }
+    return tuple(
+        ABOUT["never in order"].substitute(task=task, pairs=", ".join(f"{a} not below {b}" for a, b in pairs))
+        for task, pairs in every.items()
+        if pairs
+    )
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,21 @@
 
 An observer's threshold lies amid the levels, off any of them, and is known. `palpate power` shows bias and SD of the
 threshold by the rule and by the fit, at four slopes and three shares of lapses, and how often the interval of the fit
-holds the threshold; `palpate plan` warns of a bias by the rule. The rule is lent by the caller: it is the session's.
+holds the threshold, and how many participants their mean needs; `palpate plan` warns of a bias by the rule. The rule is
+lent by the caller: it is the session's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from math import sqrt
+from itertools import count
+from math import hypot, sqrt
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from palpate.analysis.designs.detection import results
 from palpate.analysis.documents import page
@@ -23,6 +25,7 @@ from palpate.analysis.documents.tables import Column, Record, Section, tabulate
 from palpate.analysis.documents.tables import text as in_terminal
 from palpate.analysis.power.simulate import LABEL
 from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.inference import ConfidenceInterval, wilson
 from palpate.analysis.statistics.psychophysics.psychometric import fit, psychometric
 from palpate.experiment.errors import Finding, PowerError
 from palpate.experiment.protocol.designs.detection import Detection
@@ -34,6 +37,9 @@ SPREADS_DB, LAPSES = (1.5, 3.0, 6.0, 12.0), (0.0, 0.02, 0.05)
 
 FALSE_ALARMS = 0.05
 """A simulated observer says yes without a signal so often; ours."""
+
+BETWEEN_DB, WITHIN_DB = 5.0, 3.0
+"""The SD of thresholds among people, and how near to their mean its 95 % interval is to keep; ours."""
 
 SESSIONS, QUICK = 100, 40
 """Sessions of each observer that are simulated unless told, and those for a warning; ours."""
@@ -79,10 +85,19 @@ class Observer:
         return self.held / self.fitted if self.fitted else None
 
     @property
-    def coverage_se(self) -> float | None:
-        """Return its Monte Carlo error."""
-        share = self.coverage
-        return None if share is None else sqrt(share * (1 - share) / self.fitted)
+    def coverage_interval(self) -> ConfidenceInterval | None:
+        """Return Wilson's interval of it: its Monte Carlo error."""
+        return wilson(self.held, self.fitted) if self.fitted else None
+
+    @property
+    def needed(self) -> int | None:
+        """Return how many participants have a mean threshold by the fit within `WITHIN_DB`."""
+        return None if self.fit_sd_db is None else people_for(hypot(BETWEEN_DB, self.fit_sd_db), WITHIN_DB)
+
+
+def people_for(sd: float, within: float) -> int:
+    """Return the fewest people whose mean has a 95 % interval of Student's t that reaches at most so far."""
+    return next(n for n in count(2) if float(stdtrit(n - 1, 0.975)) * sd / sqrt(n) <= within)
 
 
 @dataclass(frozen=True)
@@ -94,11 +109,16 @@ class Thresholds:
     observers: tuple[Observer, ...]
 
 
+def _share(coverage: float | None, low: float | None, high: float | None) -> str:
+    return "-" if coverage is None or low is None or high is None else f"{coverage:.3f} ({low:.3f}-{high:.3f})"
+
+
 COLUMNS = (
     Column("task", left=True), Column("spread_db", "spread dB", 1), Column("lapse", decimals=2), Column("sessions"),
     Column("trials", decimals=0), Column("rule_bias_db", "rule: bias dB", 2), Column("rule_sd_db", "SD", 2),
-    Column("fit_bias_db", "fit: bias dB", 2), Column("fit_sd_db", "SD", 2), Column("coverage", "in interval", 3),
-    Column("coverage_se", "SE", 3), Column("beyond", "no threshold"),
+    Column("fit_bias_db", "fit: bias dB", 2), Column("fit_sd_db", "SD", 2),
+    Column(("coverage", "coverage_low", "coverage_high"), "in interval", show=_share),
+    Column("beyond", "no threshold"), Column("needed", "n"),
 )  # fmt: skip
 
 
@@ -247,7 +267,8 @@ def _summary(off: list[float]) -> tuple[float | None, float | None]:
 def _section(found: Thresholds) -> Section:
     records: list[Record] = [
         {**{name: getattr(one, name) for name in Observer.__dataclass_fields__}, "coverage": one.coverage,
-         "coverage_se": one.coverage_se}
+         "coverage_low": getattr(one.coverage_interval, "low", None),
+         "coverage_high": getattr(one.coverage_interval, "high", None), "needed": one.needed}
         for one in found.observers
     ]  # fmt: skip
     off = [one for one in found.observers if abs(one.rule_bias_db or 0.0) > WARNED_DB]
@@ -257,8 +278,10 @@ def _section(found: Thresholds) -> Section:
         f"By the rule the bias is above {WARNED_DB:g} dB for {len(off)} of {len(found.observers)} observers.",
     )
     notes = (
-        "in interval: how often the 95 % interval of the fit holds the threshold, of sessions with a fit; SE is its "
-        "Monte Carlo error. no threshold: sessions whose track stayed at an end of the levels.",
+        "in interval: how often the 95 % interval of the fit holds the threshold, of sessions with a fit, and in "
+        "brackets Wilson's 95 % interval, its Monte Carlo error. no threshold: sessions whose track stayed at an end "
+        f"of the levels. n: participants whose mean threshold by the fit has a 95 % interval within {WITHIN_DB:g} dB, "
+        f"if thresholds have an SD of {BETWEEN_DB:g} dB among people; both are ours.",
     )
     return Section("observers", "Simulated observers", said, (tabulate("Thresholds", COLUMNS, records, notes),))
 

@@ -223,39 +223,55 @@ def columns(most: int) -> int:
 
 
 @contextmanager
-def working(what: str) -> Iterator[Callable[[str], None]]:
-    """Say at a terminal what is being computed, until it is; yield what says something else then."""
+def working(what: str, *, quiet: bool = False) -> Iterator[Callable[[str], None]]:
+    """Say what is being computed, at a terminal until it is; yield what says something else there then."""
     from rich.console import Console
 
     console = Console(file=sys.__stderr__)
-    if not console.is_terminal:
+    if quiet or not console.is_terminal:
+        _tell(f"{what} ...", quiet=quiet)
         yield lambda _: None
         return
     with console.status(what) as status:
         yield status.update
 
 
+def _tell(words: str, *, quiet: bool) -> None:
+    if not quiet and sys.__stderr__ is not None:
+        print(words, file=sys.__stderr__, flush=True)
+
+
 @contextmanager
 def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[..., None], Callable[[], None]]]:
     """Show a progress bar on standard error; yield what draws it, with a total and what is done, and what advances it.
 
-    It moves about on the terminal with control characters, so it writes to the stream of the process itself.
+    It moves about on the terminal with control characters, so it writes to the stream of the process itself. Elsewhere
+    it is a line at the beginning, and one for each tenth.
     """
+    from rich.console import Console
+
+    console = Console(file=sys.__stderr__)
     bar: Progress | None = None
+    plain = not quiet and not console.is_terminal
+    if plain:
+        _tell(f"{label} ...", quiet=quiet)
 
     def begin(total: int, done: int = 0) -> None:
         nonlocal bar
-        from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        bar = Progress(*columns, console=Console(file=sys.__stderr__), disable=quiet)
+        counted = BarColumn(), MofNCompleteColumn(), TextColumn("elapsed"), TimeElapsedColumn()
+        bar = Progress(TextColumn("{task.description}"), *counted, console=console, disable=quiet or plain)
         bar.add_task(label, total=total, completed=done)
         bar.start()
 
     def advance() -> None:
         if bar is not None:
             bar.advance(bar.task_ids[0])
+            (task,) = bar.tasks
+            done, of = int(task.completed), int(task.total or 0)
+            if plain and 10 * done // of > 10 * (done - 1) // of:
+                _tell(f"{label} {done}/{of}, elapsed {task.elapsed or 0.0:.0f} s", quiet=quiet)
 
     try:
         yield begin, advance

@@ -214,7 +214,8 @@ def plan(
         source, named, plans = held.plans(protocol_file, rig_file, task, recordings, bar, day(wall_ns()))
     document = {"recordings": source, "rig": named, "tasks": [one.as_dict() for one in plans]}
     heading = f"Measured with: {source}\nRig: {named}"
-    doubts = _threshold_doubts(files.load(protocol_file))
+    with options.working("Simulating thresholds by the rule of the levels, if there is one", quiet=as_json):
+        doubts = _threshold_doubts(files.load(protocol_file))
     document["doubts"] = [one.sentence() for one in doubts]
     if as_json:
         options.put(document)

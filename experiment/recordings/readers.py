@@ -54,7 +54,7 @@ class Recording:
     `channels` are all with samples, in order. `samples` are finite, float64, shape (n,), in `unit`, empty if unknown.
     `rate_source` is where the rate is from, `header_rate_hz` what a header claims beside a column of times. `jitter` is
     the largest departure from the even grid, in steps; 0 without times. The first of `segments` is read. `read_as` is
-    how a text was read, and `doubts` what is not plausible.
+    how a text was read, and `doubts` what is not plausible. `other_clocks` are times that other channels have.
     """
 
     file: str
@@ -69,6 +69,7 @@ class Recording:
     segments: int = 1
     read_as: Understood | None = None
     doubts: tuple[Finding, ...] = ()
+    other_clocks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -305,7 +306,8 @@ def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> 
     if table.cut:
         doubts += (Finding(table.cut, where=file, remedy="check where it ends", verdict="warns", check="unfinished"),)
     doubts = _clipped(file, signal.name, signal.values[np.isfinite(signal.values)]) + doubts
-    read_as = (source, claimed_hz, on.jitter, table.segments, table.understood, doubts)
+    others = (one.name for one in table.times if one is not None and one is not clock)
+    read_as = (source, claimed_hz, on.jitter, table.segments, table.understood, doubts, tuple(dict.fromkeys(others)))
     return Recording(file, signal.name, names, samples, signal.unit, on.rate_hz, *read_as)
 
 

@@ -76,6 +76,7 @@ class AmplitudeSpectrum:
             "samples": recording.samples.size,
             "rate_hz": recording.rate_hz,
             "rate_source": recording.rate_source,
+            "other_clocks": list(recording.other_clocks),
             "header_rate_hz": recording.header_rate_hz,
             "jitter_steps": recording.jitter,
             "segments": recording.segments,
@@ -100,6 +101,9 @@ class AmplitudeSpectrum:
             lines.insert(1, recording.read_as.sentence())
         if len(recording.channels) > 1:
             lines.insert(1, f"channels: {', '.join(recording.channels)}")
+        if recording.other_clocks:
+            told = ", ".join(map(repr, recording.other_clocks))
+            lines.insert(-1, f"other channels have times of their own, which are not those above: {told}")
         if recording.segments > 1:
             lines.insert(1, f"segment 1 of {recording.segments}; the others were not read")
         claimed = recording.header_rate_hz

@@ -144,7 +144,7 @@ def audit(
     file = delimited.Stated(encoding, decimal, command=options.command_line(context))
     beside = people or trials or chance or encoding or decimal or target.lower().endswith((".csv", ".tsv"))
     stated = Stated(people, trials, chance, file) if beside else None
-    with options.working("Holding the numbers against one another"):
+    with options.working("Holding the numbers against one another", quiet=as_json):
         result = audits.audit(target, against, stated)
     options.put(result.as_dict() if as_json else result.text(options.columns(80)))
 
@@ -214,7 +214,6 @@ def power(
     """
     from palpate.analysis.designs import planned_design
     from palpate.analysis.documents import output
-    from palpate.analysis.power import report, sequential, simulate
     from palpate.experiment.protocol import files
     from palpate.experiment.study.levels import methods
 
@@ -234,7 +233,12 @@ def power(
         options.put(thresholds.as_dict(off) if as_json else thresholds.text(off))
         return
     _believe(Path(model))
-    planned, chosen = simulate.prepare(protocol, model, alpha)
+    with options.working("Preparing the simulated participants", quiet=as_json):
+        from palpate.analysis.power import simulate
+
+        planned, chosen = simulate.prepare(protocol, model, alpha)
+    from palpate.analysis.power import report, sequential
+
     drawn = {"studies": 10_000 if studies is None else studies, "seed": seed}
     if looks is not None:
         at, stops = _sizes(looks, option="--looks"), rule or "obrien-fleming"
@@ -546,7 +550,7 @@ def analysed(
     from palpate.analysis.documents.tables import WIDTH
 
     drawn = {"figures": figures, "pictures": pictures, "titles": titles}
-    with options.working("Reading the dataset") as say:
+    with options.working("Reading the dataset", quiet=as_json) as say:
         result = analyses.analyse(datasets, out, **drawn, dissimilarities=dissimilarities, say=say)
     if as_json:
         return result.as_dict()

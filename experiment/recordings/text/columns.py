@@ -149,7 +149,7 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     short = None
     if values is None:
         decimal = stated.decimal or _decimal(text, begins, shape, None, stated)
-        values, short = _slow(text, begins, shape, decimal or ".")
+        values, short = _slow(text, head, begins, shape, decimal or ".")
     ends = len(begins.cells) - shape.first - shape.width
     headings, lines = _headings(head, shape, values, ends=ends)
     stamped = _stamped(values, stamps_ns)
@@ -372,6 +372,15 @@ def _clock_names(head: Sequence[tuple[int, str]], shape: _Shape) -> tuple[str, .
     return cells if any(is_clock(heading(cell).name) for cell in cells) else ()
 
 
+def _name_above(head: Sequence[tuple[int, str]], shape: _Shape, place: int) -> str:
+    """Return the name of a column, empty where no record above the rows has a name for each."""
+    for _, raw in head[: -NEAREST - 1 : -1]:
+        for cells in _heading_rows(raw, shape):
+            if len(own := cells[shape.first :]) == shape.width and not all(map(is_unit, own)) and not _numeric(own):
+                return heading(own[place]).name
+    return ""
+
+
 def _decimal(text: str, begins: Record, shape: _Shape, most: int | None, stated: Stated) -> str:
     def cells() -> Iterator[str]:
         return chain.from_iterable(_cells(one, shape) for one in islice(_rows(text, begins, shape), most))
@@ -422,7 +431,9 @@ def _cut(text: str, shape: _Shape, decimal: str) -> str:
     return f"the last row has no line end, and {decimals[-1]} decimals where others have {decimals[0]}" if fixed else ""
 
 
-def _slow(text: str, begins: Record, shape: _Shape, decimal: str) -> tuple[list[NDArray[Any]], tuple[int, int] | None]:
+def _slow(
+    text: str, head: Sequence[tuple[int, str]], begins: Record, shape: _Shape, decimal: str
+) -> tuple[list[NDArray[Any]], tuple[int, int] | None]:
     """Return the columns, and the line and numbers of the first row at which one of them ends before the others."""
     columns: list[list[float]] = [[] for _ in range(shape.width)]
     empty: list[list[tuple[int, int]]] = [[] for _ in range(shape.width)]
@@ -443,7 +454,7 @@ def _slow(text: str, begins: Record, shape: _Shape, decimal: str) -> tuple[list[
                 empty[place].append((row, record.line))
             elif not isfinite(value) and not _is_missing(bare):
                 raise RecordingError(
-                    f"got {bare[:40]!r} in column '{place + 1}'",
+                    f"got {bare[:40]!r} in column '{_name_above(head, shape, place) or place + 1}'",
                     remedy="correct the line, or keep the rows above it, or below it, in a file of their own",
                     allowed="a number in every row",
                     line=record.line,

@@ -13,6 +13,7 @@ from palpate.analysis.audit import evidence, print_lines
 from palpate.analysis.audit.audit import audit
 from palpate.analysis.audit.mistakes import Line
 from palpate.analysis.audit.print_lines import UNDECIDED
+from palpate.analysis.published.paper import Stated
 from palpate.experiment.errors import PublishedError
 from tests.approved import Refuses
 
@@ -226,3 +227,11 @@ def test_rows_beyond_their_work_are_left_undecided(
     (impossible,) = [line for line in rows if line.verdict != UNDECIDED]
     assert impossible.subject == "row of polypropylene"
     assert {line.reason for line in rows if line is not impossible} == approved
+
+
+def test_a_table_whose_caption_is_its_task_is_named_once(tmp_path: Path) -> None:
+    file = tmp_path / "paper.csv"
+    file.write_text("Task 1\n,a,b,c\na,8,1,1\nb,2,7,1\nc,0,2,8\n", encoding="utf-8")
+    text = audit(str(file), None, Stated((5,))).text(80)
+    assert "\nTask 1\n" in text
+    assert "task 1" not in text

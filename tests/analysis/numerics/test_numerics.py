@@ -222,6 +222,8 @@ def test_files_are_whole_and_may_be_written_again(
     measured = [one for one in result.measured if one.subject == "synthesis"]
     assert [float(row["error"]) for row in rows] == [one.error for one in measured]
     assert {row["dataset"] for row in rows} == {"SIMULATED spectra"}
+    for slug in ("resampling", "shaping", "noise", "contact", "force", "cases"):
+        assert "SIMULATED spectra" not in (tmp_path / f"{slug}.csv").read_text("utf-8")
     with (tmp_path / "cases.csv").open(encoding="utf-8", newline="") as file:
         assert [row["holds"] for row in csv.DictReader(file)] == [str(one.holds) for one in result.outcomes]
     page = (tmp_path / "numerics.md").read_text(encoding="utf-8")

@@ -85,3 +85,18 @@ def test_the_command_shows_the_bias(palpate: Palpate) -> None:
     found = json.loads(out)
     assert (code, len(found["observers"])) == (0, 1)
     assert "coverage" in found["observers"][0]
+
+
+def test_the_share_of_intervals_has_that_of_wilson() -> None:
+    """R 4.2.2, prop.test(20, 20, correct = FALSE)$conf.int: 0.8388749 to 1."""
+    one = thresholds.Observer("a", 3.0, 0.0, 20, 60.0, 20, 0.0, 1.0, 0.0, 1.0, 20, 20, 0)
+    assert one.coverage_interval is not None
+    assert one.coverage_interval.low == pytest.approx(0.8388749, abs=1e-6)
+    assert replace(one, fitted=0).coverage_interval is None
+
+
+def test_participants_for_a_mean_threshold() -> None:
+    """R 4.2.2: the least n of which qt(0.975, n - 1) * sd / sqrt(n) <= within."""
+    assert [thresholds.people_for(5.0, within) for within in (2.0, 3.0)] == [27, 14]
+    one = thresholds.Observer("a", 3.0, 0.0, 20, 60.0, 20, 0.0, 1.0, 0.0, 5.44, 20, 20, 0)
+    assert (one.needed, replace(one, fit_sd_db=None).needed) == (26, None)

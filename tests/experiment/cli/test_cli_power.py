@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,19 @@ def test_power_of_comparisons_prints_and_has_no_looks(palpate: Palpate, approved
     code, _, err = palpate("power", shipped("wellman1995.toml"), *QUICK, "--looks", "5,8")
     assert code != 0
     assert err == approved
+
+
+def test_a_model_is_refused_before_what_draws_is_loaded(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "palpate.analysis.power.report", None)
+    code, out, err = palpate("power", shipped("okamoto2012.toml"), "--model", "1.0,0.0")
+    assert (code, out) == (2, "")
+    assert "above 0 and below 1" in err
+
+
+def test_a_step_that_the_model_itself_has_the_other_way_is_told(palpate: Palpate) -> None:
+    _, out, _ = palpate("power", shipped("wellman1995.toml"), *QUICK, "--participants", "5", "--json")
+    (told,) = (note for note in json.loads(out)["notes"] if "every step" in note)
+    assert "In live " in told
 
 
 @pytest.mark.parametrize(

@@ -236,6 +236,8 @@ def test_rounded_times_are_tolerated_and_the_jitter_is_reported(tmp_path: Path) 
         ("0 1\n1 2\n2 2\n", "got a counter of samples"),
         ("frequency (Hz), gain\n10, 1\n20, 2\n", "got 'frequency' in the first column and no column named time"),
         ("position, force\n10, 1\n20, 2\n", "got 'position' in the first column"),
+        ("t (s);a\n0;1,0\n0,1;1.5\n0,2;1,1\n0,3;1,2\n", "line 3: got '1.5' in column 'a'; allowed"),
+        ("t;a\ns;V\n0;1,0\n0,1;1.5\n0,2;1,1\n0,3;1,2\n", "line 4: got '1.5' in column 'a'; allowed"),
         ("0 1\n0.1 two\n", "line 2: got 'two' in column '2'; allowed: a number in every row"),
         ("0 1\n0.1 nan\n", "line 2: got 1 of 2"),
         ("0 1\n0.1 1e999\n", "line 2: got '1e999'"),

@@ -104,6 +104,18 @@ def test_the_text_says_which_rate_is_not_used(approved: SnapshotAssertion) -> No
     assert "100.00 Hz" in text
 
 
+def test_the_times_of_other_channels_are_told(tmp_path: Path) -> None:
+    file = tmp_path / "two.csv"
+    rows = (f"{k / 1000:.4f},{math.sin(k / 3):.5f},{k / 2000:.5f},{k % 7}" for k in range(99))
+    file.write_text("\n".join(["t_acc (s),acc_g,t_force (s),force_N", *rows]), "utf-8")
+    found = of_file(file)
+    assert found.as_dict()["other_clocks"] == ["t_force"]
+    assert "'t_force'" in found.text()
+    assert "t_acc" in of_file(file, channel="force_N").text()
+    file.write_text("\n".join(["t (s),a,b", *(f"{k / 1000:.4f},{k % 5},{k % 7}" for k in range(99))]), "utf-8")
+    assert of_file(file).as_dict()["other_clocks"] == []
+
+
 def test_the_drawn_curve_goes_through_every_bin_and_its_marks() -> None:
     """A tone between two bins: its mark lies a third above either bin, and on the curve."""
     found = amplitude_spectrum(recording(sinusoid(100.5, rate_hz=1000, n=1000), 1000.0))
