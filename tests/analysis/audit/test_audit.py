@@ -219,6 +219,7 @@ def test_what_cannot_be_decided_is_not_said_to_disagree(okamoto: Audit) -> None:
 def test_a_dataset_is_held_against_its_paper(repository_root: Path) -> None:
     found = audit(str(repository_root / "participants" / "okamoto2012"))
     assert found.text().startswith("RECONSTRUCTION")
+    assert "changed" in found.text()
     lines = found.comparison.lines
     assert len(lines) == _numbers(repository_root)[0]
     assert {one for line in lines if not line.agrees for one in _named([line], line.verdict)} == MISTAKES
