@@ -306,9 +306,13 @@ def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> 
     if table.cut:
         doubts += (Finding(table.cut, where=file, remedy="check where it ends", verdict="warns", check="unfinished"),)
     doubts = _clipped(file, signal.name, signal.values[np.isfinite(signal.values)]) + doubts
-    others = (one.name for one in table.times if one is not None and one is not clock)
-    read_as = (source, claimed_hz, on.jitter, table.segments, table.understood, doubts, tuple(dict.fromkeys(others)))
+    read_as = (source, claimed_hz, on.jitter, table.segments, table.understood, doubts, _others(table, clock))
     return Recording(file, signal.name, names, samples, signal.unit, on.rate_hz, *read_as)
+
+
+def _others(table: Table, clock: Column | None) -> tuple[str, ...]:
+    """Return the names of the other clocks of a table."""
+    return tuple(dict.fromkeys(one.name for one in table.times if one is not None and one is not clock))
 
 
 def _claimed_hz(signal: Column, stated: Stated) -> float | None:

@@ -373,12 +373,12 @@ def _clock_names(head: Sequence[tuple[int, str]], shape: _Shape) -> tuple[str, .
 
 
 def _name_above(head: Sequence[tuple[int, str]], shape: _Shape, place: int) -> str:
-    """Return the name of a column, empty where no record above the rows has a name for each."""
+    """Return the name of a column, its number from 1 where no record above the rows has a name for each."""
     for _, raw in head[: -NEAREST - 1 : -1]:
         for cells in _heading_rows(raw, shape):
             if len(own := cells[shape.first :]) == shape.width and not all(map(is_unit, own)) and not _numeric(own):
-                return heading(own[place]).name
-    return ""
+                return heading(own[place]).name or str(place + 1)
+    return str(place + 1)
 
 
 def _decimal(text: str, begins: Record, shape: _Shape, most: int | None, stated: Stated) -> str:
@@ -454,7 +454,7 @@ def _slow(
                 empty[place].append((row, record.line))
             elif not isfinite(value) and not _is_missing(bare):
                 raise RecordingError(
-                    f"got {bare[:40]!r} in column '{_name_above(head, shape, place) or place + 1}'",
+                    f"got {bare[:40]!r} in column '{_name_above(head, shape, place)}'",
                     remedy="correct the line, or keep the rows above it, or below it, in a file of their own",
                     allowed="a number in every row",
                     line=record.line,
