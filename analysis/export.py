@@ -62,8 +62,8 @@ def files(study: Study) -> dict[str, bytes]:
     columns = columns_of(design.name)
     if controls:
         every, _ = design.export(study, frame.copy(), _exclusions(study))
-        frames = {**frames, CONTROL: every["trials.csv"][own]}
-        columns[CONTROL] = columns["trials.csv"]
+        frames = {**frames, CONTROL: every["trials.csv"][own].copy()}
+        columns[CONTROL] = dict(columns["trials.csv"])
     heard = frame[frame["heard_thirds"].notna() & frame["sent_thirds"].notna()]
     if not heard.empty:
         levels = pd.concat([pd.DataFrame(heard[of].tolist(), heard.index, _thirds(of)) for of in THIRDS], axis=1)
@@ -71,7 +71,8 @@ def files(study: Study) -> dict[str, bytes]:
         columns[HEARD] = {name: columns["trials.csv"][name] for name in OF_ATTEMPTS} | _of_heard()
     for name, described in further.items():
         columns[name] |= described
-    columns["trials.csv"] |= _with_factors(study, frames["trials.csv"])
+    for name in {"trials.csv", CONTROL} & frames.keys():
+        columns[name] |= _with_factors(study, frames[name])
     return _written(study, frames, columns)
 
 

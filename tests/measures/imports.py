@@ -80,7 +80,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/dataset/kinds/footstep.toml",
         "experiment/protocol/kinds/floor.py",
         "experiment/protocol/kinds/footstep.py",
-        "experiment/protocol/page/footstep.py",
+        "experiment/protocol/page/kinds/footstep.py",
         *(f"experiment/recordings/{name}.py" for name in ("manifest", "store", "workflow")),
         "experiment/records/kinds/footstep.json",
         "experiment/records/kinds/footstep.py",
@@ -115,7 +115,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     "presented": (
         "experiment/dataset/kinds/presented.py",
         "experiment/protocol/kinds/presented.py",
-        "experiment/protocol/page/presented.py",
+        "experiment/protocol/page/kinds/presented.py",
         "experiment/records/kinds/presented.json",
         "experiment/records/kinds/presented.py",
         "experiment/rehearsal/kinds/presented",

@@ -182,7 +182,7 @@ def controlled(text: str) -> str:
     lines[place:place] = ["\n", tomlkit.dumps({"tasks": [made.unwrap()]}).rstrip(), "\n"]
     document = tomlkit.parse("".join(lines))
     if "duration" in document:
-        trials = made["repetitions"] * len(made.get("materials", document["materials"]))
+        trials = made["repetitions"] * len(made.get("materials") or document.get("materials", ()))
         ends = zip(("shortest_min", "longest_min"), ("min_s", "max_s"), SECONDS_A_TRIAL, strict=True)
         for key, familiar, each_s in ends:
             more_s = made.get("familiarisation", {}).get(familiar, 0) + trials * each_s

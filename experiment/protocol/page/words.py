@@ -56,11 +56,11 @@ class DesignWords:
 
 def kind_words(task: Task) -> KindWords:
     """Return what the page says of the kind of a task."""
-    words: KindWords = import_module(f"{__package__}.{task.kind}").WORDS
+    words: KindWords = import_module(f"{__package__}.kinds.{task.kind}").WORDS
     return words
 
 
 def design_words(task: Task) -> DesignWords:
     """Return what the page says of the design of a task."""
-    words: DesignWords = import_module(f"{__package__}.{task.design}").WORDS
+    words: DesignWords = import_module(f"{__package__}.designs.{task.design}").WORDS
     return words

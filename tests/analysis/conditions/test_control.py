@@ -17,6 +17,7 @@ from palpate.analysis.conditions.control import Controlled, apart
 from palpate.analysis.export import CONTROL, files
 from palpate.analysis.power import simulate
 from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import Study
 from palpate.experiment import storage
 from palpate.experiment.protocol import files as protocols
 from palpate.experiment.protocol import new
@@ -88,6 +89,16 @@ def test_a_study_of_a_control_alone_is_left_as_it_is(tmp_path: Path) -> None:
     study.attempts.loc[study.attempts["task"] == "virtual", "included"] = False
     rest, controls = apart(study)
     assert (rest, controls) == (study, ())
+
+
+def test_a_control_has_the_columns_of_factors_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = read(dataset(tmp_path, [8] * 3))
+    frequencies = {name: {"frequency": 40.0 * place} for place, name in enumerate(study.materials, 1)}
+    monkeypatch.setattr(Study, "factors", frequencies)
+    exported = {name: pd.read_csv(io.BytesIO(content)) for name, content in files(study).items()}
+    for name in ("trials.csv", CONTROL):
+        wanted = [frequencies[one]["frequency"] for one in exported[name]["presented"]]
+        assert exported[name]["presented_frequency"].tolist() == wanted
 
 
 def test_a_control_is_apart_in_a_notebook_in_exported_tables_and_in_power(tmp_path: Path) -> None:

@@ -41,6 +41,12 @@ def test_nothing_is_controlled_without_a_virtual_task_or_twice(tasks: str) -> No
         new.controlled(text if tasks == "real" else new.controlled(text))
 
 
+@pytest.mark.parametrize("name", ["harder.toml", "rating.toml", "threshold.toml"])
+def test_a_study_of_another_design_or_whose_factors_make_its_materials_has_no_control(name: str) -> None:
+    with pytest.raises(PalpateError):
+        new.controlled(shipped(name).read_text("utf-8"))
+
+
 @pytest.mark.parametrize(
     ("old", "changed", "field"),
     [
