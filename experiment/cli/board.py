@@ -173,7 +173,8 @@ def incident(
     amend` and the report list all.
 
     A session under the wrong label is a deviation: with --participant (its label) and --took-part (its task, and the
-    label of whoever took part). The session keeps label and order; the analysis takes the person, and says so.
+    label of whoever took part). The session keeps its label and order; the analysis counts it for the
+    person who really took part, and says so.
     """
     from palpate.experiment import storage
     from palpate.experiment.dataset import build, checks

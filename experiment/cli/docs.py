@@ -1,5 +1,6 @@
 """The command of the guides that come with palpate, each in the version of the program beside it."""
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -66,7 +67,8 @@ def docs(
     if path:
         options.put(str(file))
         return
-    text = file.read_text("utf-8")
+    # What the site's links go to is no text of the guide.
+    text = re.sub(r"^\{#\w+\}\n", "", file.read_text("utf-8"), flags=re.MULTILINE)
     if not sys.stdout.isatty():
         options.put(text.rstrip())
         return

@@ -192,7 +192,7 @@ def consent(
     consent_on: ConsentOn = None,
     dataset: StudyFolder = None,
     correct: Annotated[
-        bool, typer.Option("--correct", help="Correct the day on record, which stays in the roster.")
+        bool, typer.Option("--correct", help="Correct the recorded day; the earlier one stays in the roster.")
     ] = False,
     reason: Annotated[
         str | None, typer.Option("--reason", help="Why it is corrected: one line that names no person.")
@@ -649,7 +649,7 @@ def review(
     Played are the answers on which key and proposal differ, those of which nothing or hardly anything was proposed, and
     a share of the others, in random order. Neither what was presented, nor what was keyed or proposed, is shown. What
     the second rater says is kept beside the sounds; the first answers stay as they are. To go on later, run the same
-    command again. Cohen's kappa is told of the share that was drawn by chance, and of the flagged answers, apart.
+    command again. Cohen's kappa is given for the share that was drawn by chance and, apart, for the flagged answers.
     """
     from palpate.experiment.desk.voice import review as reviews
 

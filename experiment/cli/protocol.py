@@ -52,14 +52,18 @@ def new(
     recordings: Annotated[
         list[Path] | None,
         typer.Option(
-            "--recording", metavar="FILE.wav", help="A recorded waveform to be told from others; to be repeated."
+            "--recording",
+            metavar="FILE.wav",
+            help="A recorded waveform that participants tell apart from others; may be given several times.",
         ),
     ] = None,
     full_scale: Annotated[float, typer.Option("--full-scale", help="Its acceleration at full scale, m/s^2.")] = 10.0,
     factors: Annotated[
         list[str] | None,
         typer.Option(
-            "--factor", metavar="ID=NUMBER,NUMBER,...", help="Values of a factor of a copied study; to be repeated."
+            "--factor",
+            metavar="ID=NUMBER,NUMBER,...",
+            help="Values of a factor of a copied study; may be given several times.",
         ),
     ] = None,
     study_id: Annotated[
@@ -72,7 +76,7 @@ def new(
         typer.Option(
             "--material",
             metavar="NAME[,KEY,PHRASE,...]",
-            help="A material, its key, and what participants may call it; to be repeated.",
+            help="A material, its key, and what participants may call it; may be given several times.",
         ),
     ] = None,
     tasks: Annotated[

@@ -79,9 +79,9 @@ def doctor(
 
     Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback,
     actuator, force device (which pushes nothing), disk and clocks are checked through the drivers that sessions
-    use. With --protocol, what the rig leaves out of the recorded vibrations is told, and is red where that is more
-    than the protocol allows, and so is a rig that renders no virtual block, or does not bear it. Each check is
-    green, or red with its remedy. The exit code is 2 if any check is red.
+    use. With --protocol it also shows what the rig leaves out of the recorded vibrations: red where that is more than
+    the protocol allows, as is a rig that renders no virtual block, or does not bear it. Each check is green, or red
+    with its remedy. The exit code is 2 if any check is red.
     """
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.apparatus.doctor import doctor as doctors

@@ -55,7 +55,10 @@ def run(
         ),
     ] = False,
     lines: Annotated[
-        bool, typer.Option("--lines", help="Ask on lines of text [default: a console, if this is a terminal].")
+        bool,
+        typer.Option(
+            "--lines", help="Ask line by line in plain text [default: a full-screen console, if this is a terminal]."
+        ),
     ] = False,
     by: AtConsole = "console",
     serve: Annotated[

@@ -128,9 +128,9 @@ def audit(
     whether whole counts can stand behind means, SDs and rows, and names the simplest mistake that explains a number
     that disagrees. Where one wrong number explains several that disagree, it alone is accused.
 
-    Of an HTML page or a CSV file the confusion tables, the ANOVA tables and the tables of t-tests are read, of a page
-    or a text also sentences such as "t(11) = 8.14, p < .001", and what was not read is told. A TOML file holds more:
-    `palpate docs papers` shows how to write one. A disagreement is a finding and not an error, so the exit code is 0.
+    From an HTML page or a CSV file it reads confusion, ANOVA and t-test tables; from a page or a text also sentences
+    such as "t(11) = 8.14, p < .001". It lists what it could not read. A TOML file holds more: `palpate docs papers`
+    shows how to write one. A disagreement is a finding and not an error, so the exit code is 0.
     """
     from palpate.analysis.audit import audit as audits
     from palpate.analysis.published.paper import Stated
@@ -410,7 +410,10 @@ def import_trials(
     ] = None,
     material: Annotated[
         list[str] | None,
-        typer.Option("--material", help="A material, in the order of the tables [default: those presented, by name]."),
+        typer.Option(
+            "--material",
+            help="A material; repeat in the order wanted in the tables [default: those presented, alphabetically].",
+        ),
     ] = None,
     people: Annotated[
         list[str] | None, typer.Option("--map-participant", help="CELL=LABEL, who a cell of --participant stands for.")

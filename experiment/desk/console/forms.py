@@ -82,7 +82,7 @@ def opened(name: str, view: View) -> Form:
             hint = "a: adverse event, d: deviation. What happened; what was done. Use palpate incident for the board."
             form = Form(name, title, "puts it on record", blanks, hint)
         case "break":
-            title = "Pause for a break as soon as nothing can be felt. Its end is told, and nothing begins by itself."
+            title = "Pause for a break as soon as nothing can be felt. Its end is shown; nothing begins by itself."
             form = Form(name, title + again, "pauses", (Blank("Minutes", BREAK_MIN),))
         case "stop":
             paused = view.state == "paused"

@@ -115,7 +115,7 @@ class Footstep(KindTable):
 
 
 def _rules(table: Table) -> Iterator[Broken]:
-    """The kind `footstep` needs `[footstep]` and is of the design `identification`."""
+    """Tasks of the kind `footstep` need `[footstep]` and always have the design `identification`."""
     if table.get("footstep") is None:
         yield Broken(("footstep",), "a table: tasks of the kind 'footstep' need it")
 

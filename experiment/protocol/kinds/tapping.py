@@ -96,7 +96,7 @@ def rendered(protocol: Protocol) -> Tapping | None:
 
 
 def _rules(table: Table) -> Iterator[Broken]:
-    """The kind `tapping` is of the design `comparison`.
+    """Tasks of the kind `tapping` always have the design `comparison`.
 
     A task whose `stimulus` is `virtual` needs `[tapping]` with a surface for each material, and
     `exposure.force_peak_n`; `masker.probe` is left out; exclusion rules judge answers and withdrawals; where one

@@ -17,6 +17,7 @@ from palpate.experiment import storage
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol import new as writing
+from palpate.experiment.protocol.rules import OWN_ANSWERS
 from palpate.experiment.settings.characters import plain, quoted
 
 MODELS: Mapping[str, str] = {
@@ -112,7 +113,8 @@ def files_beside(file: Path, changed: Changes) -> dict[Path, bytes]:
 def copied(source: Path, study_id: str, title: str | None = None, *, changed: Changes = UNCHANGED) -> str:
     """Return the text of the protocol `source` under another id and title, without its approval.
 
-    Tasks have as many participants as the study, but one that had fewer has at most those. Recordings take the place of
+    Tasks have as many participants as the study, but one that had fewer has at most those. Where participants answer
+    themselves, the format is one that has it. Recordings take the place of
     what an identification presents. Raises `ProtocolError` as `files.load`, and `PalpateError` for what the file would
     not be allowed to have.
     """
@@ -135,6 +137,8 @@ def copied(source: Path, study_id: str, title: str | None = None, *, changed: Ch
             task["participants"] = min(participants, planned.participants) if some else participants
     if changed.mode not in (None, known.answers.mode):
         document["answers"]["mode"] = changed.mode
+        if changed.mode != "oral":
+            document["format"] = max(known.format, OWN_ANSWERS)
     if changed.recorded:
         _present(document, changed)
     _vary(document, changed)

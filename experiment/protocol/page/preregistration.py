@@ -91,7 +91,7 @@ def _form(
             "Explanation of existing data": [_open("if there are any")],
             "Data collection procedures": [*page["Participants and consent"], _open("how participants are recruited")],
             "Sample size": list(_sample(protocol)),
-            "Sample size rationale": list(_rationale(power)),
+            "Sample size rationale": list(_rationale(power, protocol.study.participants)),
             "Stopping rule": [
                 Said(
                     f"Data collection ends with {count(protocol.study.participants, 'participant')}. Whoever withdraws "
@@ -134,7 +134,7 @@ def _sample(protocol: Protocol) -> Iterator[Block]:
         yield Item(f"Task {task.id}: {count(task.participants, 'participant')}, {protocol.trials(task)} trials each.")
 
 
-def _rationale(power: Mapping[str, Any] | None) -> Iterator[Block]:
+def _rationale(power: Mapping[str, Any] | None, planned: int) -> Iterator[Block]:
     if power is None:
         yield _open("why so many; --power gives the result of `palpate power PROTOCOL --json`")
         return
@@ -144,7 +144,9 @@ def _rationale(power: Mapping[str, Any] | None) -> Iterator[Block]:
     yield Quoted(str(power["model"]))
     found = power["recommended"]
     enough = "no size that was tried" if found is None else count(found, "participant")
-    yield Said(f"A power of {power['target']:g} in all planned tests that reach it takes {enough}. As planned:")
+    sizes = {row["participants_planned"] for row in power["needed_rows"]}
+    which = "As planned" if sizes == {planned} else "At the tried size that is nearest to the planned one"
+    yield Said(f"A power of {power['target']:g} in all planned tests that reach it takes {enough}. {which}:")
     for row in power["needed_rows"]:
         reached = "no power is defined" if row["power_planned"] is None else f"power {row['power_planned']:.2f}"
         subject = f"{row['test']} of {named(str(row['of']))}, {row['tasks']}"
