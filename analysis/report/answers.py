@@ -50,13 +50,13 @@ QUESTIONS = {
 """What a test asks where no protocol words it."""
 
 TWO_WAY_ERRS = (
-    "This ANOVA takes the ratios of one participant as independent. It rejects a true null in 0 to 31 % of SIMULATED "
-    "studies, not in 5 %."
+    "This ANOVA treats each participant's ratios as independent; depending on how participants differ it rejects a "
+    "true null in 0 to 31 % of SIMULATED studies (5 % wanted). Sign flips need people who did both."
 )
-ONE_WAY_ERRS = "This ANOVA takes four ratios of each participant as independent, so its P is not exact."
+ONE_WAY_ERRS = "This ANOVA treats four ratios of each participant as independent, so its P is not exact."
 BY_FLIPS = (
-    "Exact sign flips answer here: of a material at chance they find otherwise in 4 to 6 % of SIMULATED studies, the "
-    "t-test as published in 4 to 9 %, not in 5 %. {} as published stand below."
+    "The answers above use exact sign-flip tests. In SIMULATED studies these reject a true null in 4 to 6 % (5 % "
+    "wanted); the published t-test does so in 4 to 9 %. {} as published are given below."
 )
 OVER = {
     "any population": "Somebody answers more like one who guesses than like the others. The interval of {} allows for "
@@ -100,13 +100,18 @@ def misfit_words(one: Misfit) -> str:
     return f"F({one.df1}, {one.df2}) = {one.f:.2f}, {p_is(one.p)}"
 
 
+RIGLESS = ("RECONSTRUCTION", "IMPORTED")
+NO_RIG = "No rig is on record, so what it did to the stimuli is unknown."
+
 VERIFY = "`palpate verify`"
 """What checks a dataset."""
 
 
 def left_and_sure(study: Study, verify: str = VERIFY) -> str:
     """Return what was left out by rule, and how sure the data are, which `verify` checks."""
-    return " ".join([*exclusions_section(study).paragraphs, how_sure(study, verify)])
+    return " ".join(
+        [*exclusions_section(study).paragraphs, *[NO_RIG] * (study.origin in RIGLESS), how_sure(study, verify)]
+    )
 
 
 def how_sure(study: Study, verify: str = VERIFY) -> str:
@@ -180,7 +185,7 @@ def _answer(one: Planned, question: str, mark: str) -> Asked:
     """Return the answer of a planned test over participants."""
     words = WORDS[one.plan.test]
     said = [
-        f"{words.tasks.join(tasks)}: {_groups(one, words, tasks)}."
+        f"{_capital(words.tasks.join(tasks))}: {_groups(one, words, tasks)}."
         for tasks in dict.fromkeys(line.tasks for line in one.lines)
     ]
     family = "" if one.plan.correction is None else f"; P by Holm over the {one.plan.correction}"
@@ -189,6 +194,11 @@ def _answer(one: Planned, question: str, mark: str) -> Asked:
     said += [f"{words.how}{limits}{family}."] * bool(one.lines)
     said += [f"No test of {name}: {why}." for name, why in one.statements.items()]
     return Asked(question, " ".join(said), mark, tuple(weak(one)))
+
+
+def _capital(text: str) -> str:
+    """Return a text that begins a sentence."""
+    return text[:1].upper() + text[1:]
 
 
 def _groups(one: Planned, words: Words, tasks: tuple[str, ...]) -> str:
@@ -308,7 +318,7 @@ def _materials_above(task: TaskResult, level: float) -> str:
         parts.append(f"above chance ({task.chance:.3g}) for {_listed(shown)} (sign flips, {p_at_most(most)})")
     if others:
         parts.append(f"not shown above chance for {_listed(others)}")
-    return f"{task.task.id}: {'; '.join(parts) or 'no answers'}."
+    return f"{_capital(task.task.id)}: {'; '.join(parts) or 'no answers'}."
 
 
 def _listed(tests: list[MaterialTest]) -> str:
@@ -324,11 +334,12 @@ def _told_apart(results: Results, tasks: tuple[str, ...], stands: Standing, leve
         effect = pair.anova.effects[0]
         if effect.f is not None and effect.p is not None:
             differ = "differ" if effect.p < level else "are not shown to differ"
-            yield f"{pair.task}: answers to {joined(pair.pair)} {differ} ({_effect(pair.anova, effect)})."
+            how = f"one-way ANOVA of their four answer ratios, {_effect(pair.anova, effect)}"
+            yield f"{_capital(pair.task)}: answers to {joined(pair.pair)} {differ} ({how})."
 
 
 def _by_flips(results: Results) -> str:
-    """Return what answers in place of the published tests, of which those that are defined stand below."""
+    """Return what answers in place of the published tests, of which those that are defined are given below."""
     anova = results.two_way or any(pair.anova for pair in results.pairs)
     return BY_FLIPS.format("The t-tests and the ANOVA" if anova else "The t-tests")
 
@@ -343,8 +354,9 @@ def _effect(anova: Anova, effect: Effect) -> str:
 def _tasks_differ(results: Results, question: str, mark: str, level: float) -> Asked:
     """Return the paired comparison of the participants who did both, or, without any, the two-way ANOVA."""
     paired = [
-        f"{one.first} less {one.second}: {number(one.test.mean)} (95 % CI {interval(one.interval)}; exact sign flips, "
-        f"{p_is(one.flip.p)}, n = {one.test.n}), {'shown' if one.flip.p < level else 'not shown'} to differ."
+        f"{_capital(one.first)} less {one.second}: {number(one.test.mean)} (95 % CI {interval(one.interval)}; "
+        f"exact sign flips, {p_is(one.flip.p)}, n = {one.test.n}), {'shown' if one.flip.p < level else 'not shown'} to "
+        "differ."
         for one in results.beside.paired
         if one.test.mean is not None
     ]

@@ -304,7 +304,7 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
     adjusted = [task.task.id for task in tasks if task.correction]
     by = f"adjusted by Holm in {' and '.join(adjusted)}" if adjusted else "not adjusted"
     said = (
-        f"Correct answer ratios of each material in {_people(tasks)}. A line is the wider the more participants had "
+        f"Correct answer ratios of each material in {_people(tasks)}. Wider lines: more participants with "
         "that ratio; pale bars are means, whiskers standard deviations among participants, and the dashed line is "
         f"chance. *, ** and *** mark means above chance with P < 0.05, 0.01 and 0.001 (t, {by}).{bracketed(tasks)}"
     )

@@ -331,7 +331,7 @@ def exclusions_section(study: Study) -> Section:
     about = (
         f"{count} of {len(study.attempts)} attempts are not analysed."
         if records
-        else "Nothing was left out: every attempt in the dataset is analysed."
+        else "No attempts were excluded: every attempt in the dataset is analysed."
     )
     by_rule = _by_rule(study)
     brief = replace(tabulate("Rules", RULES, by_rule), records=())
