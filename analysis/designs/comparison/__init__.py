@@ -302,7 +302,8 @@ def _pairs(results: Compared) -> Section:
 def _matrix(results: Compared, task: TaskComparisons) -> Table:
     records: list[Record] = [
         {"task": task.task.id, "low": results.materials[pair.low], "high": results.materials[pair.high],
-         "right": pair.right.count, "ties": pair.ties, "trials": pair.right.trials, "share": pair.right.value,
+         "right" if results.ordered else "named": pair.right.count, "ties": pair.ties,
+         "trials": pair.right.trials, "share": pair.right.value,
          **ends(pair.right.interval, "share_"), "cell": pair.right}
         for pair in task.pairs
     ]  # fmt: skip
@@ -318,7 +319,8 @@ def _matrix(results: Compared, task: TaskComparisons) -> Table:
     ]
     notes += [f"A cell is of {between} trials, by {plural(len(task.participants), 'participant')} together."]
     if ties := sum(pair.ties for pair in task.pairs):
-        notes.append(f"{plural(ties, 'trial')} ended in a tie; these count as trials and are right for nobody.")
+        for_nobody = " and are right for nobody" if results.ordered else ", and neither was named"
+        notes.append(f"{plural(ties, 'trial')} ended in a tie; these count as trials{for_nobody}.")
     if task.unanswered:
         notes.append(f"{plural(task.unanswered, 'trial')} without an answer count nowhere.")
     neighbors = range(len(results.materials) if results.ordered else 0)
@@ -376,6 +378,8 @@ def _bias(results: Compared) -> Section:
         ]  # fmt: skip
         title = f"{task.task.title}: each participant, percent (95 % CI)"
         columns = PEOPLE if results.ordered else tuple(one for one in PEOPLE if one.key != "share_right")
+        if not results.ordered:
+            records = list(without_keys(records, {"right", "trials_of_two", "share_right"}))
         tables.append(tabulate(title, columns, records, in_print={"share_right", "share_first"}))
     return Section("bias", "Bias to the first, and each participant", tuple(paragraphs), tuple(tables))
 

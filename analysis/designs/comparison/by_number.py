@@ -145,9 +145,10 @@ def _crossover_words(task: TaskComparisons) -> str:
     bent = f"one octave beside its top a parabola lies {number(bend.value, 2)} logits lower ({interval(bend, 2)})"
     if found.best_hz is None:
         return f"{bent}; no crossover among these is the best."
-    if found.best_low_hz is None or found.best_high_hz is None:
+    if found.best_low_hz is None and found.best_high_hz is None:
         return f"{bent}; its top lies at {found.best_hz:.3g} Hz, which no interval holds."
-    return f"{found.best_hz:.3g} Hz is best (95 % CI {found.best_low_hz:.3g} to {found.best_high_hz:.3g} Hz); {bent}."
+    low, high = ("open" if end is None else f"{end:.3g}" for end in (found.best_low_hz, found.best_high_hz))
+    return f"{found.best_hz:.3g} Hz is best (95 % CI {low} to {high} Hz); {bent}."
 
 
 def crossovers(results: Compared, stands: Standing) -> tuple[Section, ...]:

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import inf, log2, sqrt
 
 import numpy as np
 from scipy.special import stdtrit
 
 from palpate.analysis.designs.comparison.estimates import Estimate, estimate
-from palpate.analysis.designs.comparison.factors import Numbers, one_of, whole_beyond
+from palpate.analysis.designs.comparison.factors import Numbers, one_of, whole_beyond, with_numbers
 from palpate.analysis.statistics import scaling
 from palpate.analysis.statistics.exact import Floats, NotDefined
 from palpate.analysis.statistics.inference import CONFIDENCE
@@ -26,14 +26,18 @@ from palpate.analysis.statistics.scaling import Comparisons
 CROSSOVER = "crossover_hz"
 """The number of a stimulus that is its crossover."""
 
+STRAIGHT = 1e-9
+"""A bend below this, in logits an octave squared, is rounding. Ours."""
+
 
 @dataclass(frozen=True)
 class Crossed:
     """What each crossover adds to the lowest, in logits, and where a parabola has its top; or a statement why not.
 
     `bend` is what lies between the top and one octave beside it, above 0 for a top. `best_hz` is None where there is
-    none, or outside of what was compared; its interval where the bend may be nothing. `p` is that of the deviance of
-    all crossovers' scale beyond the parabola, as if answers were independent.
+    none, or outside of what was compared; its interval where the bend may be nothing; an end of it that no number of Hz
+    reaches is None too. `p` is that of the deviance of all crossovers' scale beyond the parabola, as if answers were
+    independent.
     """
 
     crossovers_hz: tuple[float, ...]
@@ -48,7 +52,8 @@ class Crossed:
 
 
 def crossed(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> Crossed | None:
-    """Return where the best crossover lies; None where not every stimulus states one, or fewer than three differ."""
+    """Return where the best crossover lies; None where a stimulus with numbers has none, or under three differ."""
+    data, materials = with_numbers(data, materials, numbers)
     stated = [numbers.get(one, {}).get(CROSSOVER) for one in materials]
     values = np.array([one for one in stated if one is not None], dtype=np.float64)
     if len(values) < len(materials) or len(set(values.tolist())) < 3:
@@ -68,25 +73,33 @@ def _fitted(data: Comparisons, crossovers_hz: Floats) -> Crossed:
     effects = [estimate(*by_level.combined(one_of(len(levels), place)), people) for place in range(len(levels) - 1)]
     bend = estimate(*curve.combined(-one_of(3, 1)), people)
     top, low, high = _top(curve, people)
-    best, least, most = (None if one is None else float(middle_hz * 2**one) for one in (top, low, high))
-    if best is not None and not levels[0] <= best <= levels[-1]:
-        best = least = most = None
+    if top is None or abs(top) > log2(levels[-1] / middle_hz):
+        top = low = high = None
     return Crossed(
         tuple(levels.tolist()),
         (Estimate(0.0, None, None, None), *effects),
         bend,
-        best,
-        least,
-        most,
+        _hz(top, middle_hz),
+        _hz(low, middle_hz),
+        _hz(high, middle_hz),
         whole_beyond(data, curve),
         curve.reduced or by_level.reduced,
     )
 
 
+def _hz(octaves: float | None, middle_hz: float) -> float | None:
+    """Return what lies so many octaves from the middle; None for nothing, and beyond all numbers."""
+    if octaves is None:
+        return None
+    with np.errstate(over="ignore", under="ignore"):
+        hz = float(middle_hz * np.exp2(octaves))
+    return hz if 0 < hz < inf else None
+
+
 def _top(curve: scaling.Terms, people: int) -> tuple[float | None, float | None, float | None]:
     """Return the top of a parabola and where its interval ends, octaves; None where there is none."""
     slope, bend = curve.values[:2]
-    if not bend < 0:
+    if not bend < -STRAIGHT:
         return None, None, None
     top = float(-slope / (2 * bend))
     t = float(stdtrit(people - 1, (1 + CONFIDENCE) / 2)) if people > 1 else inf

@@ -15,7 +15,7 @@ from math import log
 import numpy as np
 
 from palpate.analysis.designs.comparison.estimates import Estimate, estimate
-from palpate.analysis.designs.comparison.factors import Numbers, one_of, whole_beyond
+from palpate.analysis.designs.comparison.factors import Numbers, one_of, whole_beyond, with_numbers
 from palpate.analysis.statistics import scaling
 from palpate.analysis.statistics.exact import Floats, NotDefined
 from palpate.analysis.statistics.scaling import Comparisons
@@ -61,7 +61,8 @@ class Delayed:
 
 
 def delayed(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> Delayed | None:
-    """Return what delays add; None where not every stimulus states one, or all are the same."""
+    """Return what delays add; None where not every stimulus with numbers states one, or all are the same."""
+    data, materials = with_numbers(data, materials, numbers)
     stated = [numbers.get(one, {}).get(DELAY) for one in materials]
     values = np.array([one for one in stated if one is not None], dtype=np.float64)
     if len(values) < len(materials) or len(set(values.tolist())) < 2:

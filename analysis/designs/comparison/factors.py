@@ -59,7 +59,7 @@ def factored(data: Comparisons, materials: Sequence[str], numbers: Numbers, leas
 
     Only materials of these trials count; who has no numbers, such as a blank, is left out with its pairs.
     """
-    data, materials = _with_numbers(data, materials, numbers)
+    data, materials = with_numbers(data, materials, numbers)
     keys = [set(numbers.get(one, {})) for one in materials]
     shared = set.intersection(*keys) if keys else set()
     values = {key: np.array([numbers[one][key] for one in materials]) for key in sorted(shared)}
@@ -72,7 +72,7 @@ def factored(data: Comparisons, materials: Sequence[str], numbers: Numbers, leas
         return Factored((), None, None, reduced=False, statement=str(error))
 
 
-def _with_numbers(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> tuple[Comparisons, tuple[str, ...]]:
+def with_numbers(data: Comparisons, materials: Sequence[str], numbers: Numbers) -> tuple[Comparisons, tuple[str, ...]]:
     """Return the trials of two materials with numbers, and those materials, by their new places."""
     kept = [place for place, one in enumerate(materials) if numbers.get(one)]
     trials = np.isin(data.first, kept) & np.isin(data.second, kept)

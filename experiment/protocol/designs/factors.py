@@ -161,7 +161,7 @@ def _places(table: Table, path: Sequence[str]) -> Iterator[tuple[Place, Table]]:
                 yield from (((*at, *place), own) for place, own in inner)
 
 
-def _put(held: Any, place: Place, value: float) -> Any:
+def _put(held: Any, place: Place, value: float | None) -> Any:
     """Return a table, or tuple of tables, with a value at a place."""
     key, *rest = place
     if isinstance(held, tuple):
@@ -232,9 +232,32 @@ def broken(table: Table) -> Iterator[Broken]:
     for i, one in enumerate(factors):
         if one.id in [other.id for other in factors[:i]]:
             yield Broken(("factors", i, "id"), "a name of its own")
+        if one.changes in [other.changes for other in factors[:i]]:
+            yield Broken(("factors", i, "changes"), "a key that no other factor changes")
     ids = {one.get("id") for _, one in tables_at(table, "materials")}
     if factors and not ids.issuperset(_materials(factors)):
         yield from _reasons(table)
+    elif factors:
+        yield from _unlike(table, factors)
+
+
+def _unlike(document: Table, factors: Factors) -> Iterator[Broken]:
+    """Yield where a stimulus of a combination has not its values, or differs from the others in more than these."""
+    combinations, alike = _materials(factors), None
+    for table, own in document.items():
+        for key in ("stimuli", "surfaces"):
+            for i, one in tables_at(own, key) if isinstance(own, Mapping) else ():
+                if (places := combinations.get(str(one.get("material")))) is None:
+                    continue
+                rest = {**one, "material": None}
+                for factor, at in zip(factors, places, strict=True):
+                    for where, held in _places(one, factor.changes.split(".")):
+                        if held.get(str(where[-1])) != factor.values[at]:
+                            yield Broken((table, key, i, *where), f"{factor.written[at]}, by the factor '{factor.id}'")
+                        rest = _put(rest, where, None)
+                alike = alike or rest
+                if rest != alike:
+                    yield Broken((table, key, i), "what the first of the factors has, but for what these change")
 
 
 def relaxed(schema: Mapping[str, Any]) -> dict[str, Any]:

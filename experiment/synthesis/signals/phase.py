@@ -296,19 +296,25 @@ def profile_error(of: Phased) -> tuple[float | None, ...]:
     """Return how far profiles are from those of the takes at the worst speed; nothing if the phase is not `recorded`.
 
     First of what is asked for at recorded speeds, as a part of the takes' profile. Then at inner speeds whose takes are
-    left out: the same, with phases drawn instead, and `late_ms` of both; None where there is no inner speed.
+    left out: the same, with phases drawn instead, and `late_ms` of both; None where there is no inner speed. Speeds at
+    which what is compared is silent are left out.
     """
     if of.profiles is None or of.starts is None:
         return ()
-    recorded, told = [], []
+    recorded, told = [], list[list[float]]()
     for j in range(of.speeds_mm_s.size):
         has = _recorded(of, j, of.profiles[j], of.starts[j])[1]
-        recorded.append(shape_error(has, of.profiles[j]))
+        recorded.append([shape_error(has, of.profiles[j])])
         if 0 < j < of.speeds_mm_s.size - 1:
             both = left_out(of, j)
             told.append([off(one, of.profiles[j]) for off in (shape_error, late_ms) for one in both])
-    worst: list[float | None] = [max(each) for each in zip(*told, strict=True)] or [None] * 4
-    return max(recorded), *worst
+    return *_worst(recorded, 1), *_worst(told, 4)
+
+
+def _worst(of: list[list[float]], size: int) -> list[float | None]:
+    """Return the largest of each of so many columns over rows without NaN; None where there is no such row."""
+    rows = [row for row in of if not np.isnan(row).any()]
+    return [max(each) for each in zip(*rows, strict=True)] or [None] * size
 
 
 def left_out(of: Phased, place: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

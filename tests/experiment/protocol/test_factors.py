@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections import Counter
 from pathlib import Path
@@ -110,6 +111,7 @@ def test_materials_that_participants_name_have_keys_and_stand_beside_others() ->
         ((*FREQUENCY, "names"), ("low", "low", "high"), "factors"),
         ((*AMPLITUDE, "values"), (2.0, 80.0), "factors[1]"),
         ((*AMPLITUDE, "id"), "frequency", "factors[1].id"),
+        ((*AMPLITUDE, "changes"), "decaying.decay_per_s", "presented.stimuli[0].parts[0].decaying.decay_per_s"),
         ((*STIMULUS, "material"), "tap", "factors"),
         ((*STIMULUS, "parts", 0, "decaying", "frequency_hz"), 60.0, f"{DECAYING}.frequency_hz"),
         ((*STIMULUS, "parts", 0, "decaying", "lasts_s"), 90.0, f"{DECAYING}.lasts_s"),
@@ -118,6 +120,26 @@ def test_materials_that_participants_name_have_keys_and_stand_beside_others() ->
 )
 def test_what_factors_may_not_be(path: tuple[str | int, ...], value: object, field: str) -> None:
     assert field in {one.field for one in find(ProtocolFile, changed(tables(), path, value), {})}
+
+
+def test_two_factors_do_not_change_the_same_key() -> None:
+    stated = changed(tables(), (*STIMULUS, "parts", 0, "decaying", "amplitude_m_s2"), 4.0)
+    twice = changed(stated, (*AMPLITUDE, "changes"), "decaying.frequency_hz")
+    assert "factors[1].changes" in {one.field for one in find(ProtocolFile, twice, {})}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "field"),
+    [
+        ("frequency_hz", 60.0, None),
+        ("frequency_hz", 333.0, f"{DECAYING}.frequency_hz"),
+        ("lasts_s", 0.2, "presented.stimuli[1]"),
+    ],
+)
+def test_stimuli_that_are_spelled_out_are_as_their_factors_make_them(key: str, value: float, field: str | None) -> None:
+    whole = with_tuples(json.loads(read(tables()).model_dump_json()))
+    spelled = changed(whole, (*STIMULUS, "parts", 0, "decaying", key), value)
+    assert [one.field for one in find(ProtocolFile, spelled, {})][:1] == ([field] if field else [])
 
 
 def test_a_study_without_an_order_has_no_levels() -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.special import expit
+from scipy.special import expit, stdtrit
 
 from palpate.analysis.designs.comparison.crossover import Crossed, crossed
+from palpate.analysis.statistics import scaling
+from palpate.analysis.statistics.exact import Floats
 from palpate.analysis.statistics.scaling import FIRST, SECOND, Comparisons
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
@@ -71,8 +73,59 @@ def test_a_top_that_is_outside_or_may_be_none_is_not_stated() -> None:
 
 
 def test_crossovers_that_are_missing_or_too_few_have_no_best() -> None:
-    assert crossed(simulated(), MATERIALS, {**NUMBERS, "3": {}}) is None
+    assert crossed(simulated(), MATERIALS, {**NUMBERS, "3": {"delay_ms": 5.0}}) is None
     assert crossed(simulated(), MATERIALS, {one: {"crossover_hz": 5.0 + int(one) % 2} for one in MATERIALS}) is None
+
+
+def test_a_blank_is_left_out_and_a_task_of_four_of_five_has_a_best() -> None:
+    data = simulated()
+    kept = (data.first < 4) & (data.second < 4)
+    four = Comparisons(data.first[kept], data.second[kept], data.chosen[kept], data.person[kept], items=5)
+    one = found(four)
+    assert one.crossovers_hz == tuple(CROSSOVERS.tolist()[:4])
+    assert one.bend is not None
+    blank = crossed(data, MATERIALS, {**NUMBERS, "4": {}})
+    assert repr(blank) == repr(one)
+
+
+def choosing(scale: int) -> Comparisons:
+    """Of four participants in either order: 2 of 3 times higher over lower, 4 of 5 over the lowest, a straight line."""
+    rows = [
+        (*pair, FIRST if (k < wins * scale) == (pair[0] > pair[1]) else SECOND, person)
+        for person in range(4)
+        for (low, high), (wins, of) in {(0, 1): (2, 3), (1, 2): (2, 3), (0, 2): (4, 5)}.items()
+        for k in range(of * scale)
+        for pair in ((low, high), (high, low))
+    ]
+    first, second, chosen, persons = np.array(rows).T
+    return Comparisons(first, second, chosen, persons, items=3)
+
+
+@pytest.mark.parametrize("scale", [1, 2, 3, 5])
+@pytest.mark.parametrize("hz", [(10.0, 20.0, 40.0), (20.0, 40.0, 80.0), (10.0, 40.0, 160.0), (5.0, 50.0, 500.0)])
+def test_a_straight_scale_has_no_best(hz: tuple[float, ...], scale: int) -> None:
+    numbers = {one: {"crossover_hz": of} for one, of in zip("abc", hz, strict=True)}
+    one = crossed(choosing(scale), "abc", numbers)
+    assert one is not None
+    assert one.bend is not None
+    assert abs(one.bend.value) < 1e-12
+    assert (one.best_hz, one.best_low_hz, one.best_high_hz) == (None, None, None)
+
+
+def test_an_end_that_no_number_of_hz_reaches_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit_terms = scaling.fit_terms
+
+    def hardly_bent(data: Comparisons, terms: Floats) -> scaling.Terms:
+        fitted = fit_terms(data, terms)
+        if terms.shape[1] == 2:
+            fitted.covariance[1, 1] = (fitted.values[1] / stdtrit(5, 0.975)) ** 2 * (1 - 1e-5)
+        return fitted
+
+    monkeypatch.setattr(scaling, "fit_terms", hardly_bent)
+    one = found(simulated())
+    ends = one.best_low_hz, one.best_high_hz
+    assert one.best_hz == pytest.approx(BEST_HZ[0])
+    assert ends.count(None) == 1
 
 
 def test_the_shipped_study_varies_the_crossover_alone() -> None:

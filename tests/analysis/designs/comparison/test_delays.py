@@ -81,8 +81,19 @@ def test_a_slope_that_may_be_nothing_has_no_delay_that_is_surely_noticed() -> No
 
 def test_delays_that_are_missing_or_all_the_same_add_nothing() -> None:
     assert delayed(simulated(), MATERIALS, {}) is None
-    assert delayed(simulated(), MATERIALS, {**NUMBERS, "3": {}}) is None
+    assert delayed(simulated(), MATERIALS, {**NUMBERS, "3": {"crossover_hz": 5.0}}) is None
     assert delayed(simulated(), MATERIALS, {one: {"delay_ms": 5.0} for one in MATERIALS}) is None
+
+
+def test_a_blank_is_left_out_and_a_task_of_six_of_seven_has_slopes() -> None:
+    data = simulated()
+    kept = (data.first < 6) & (data.second < 6)
+    six = Comparisons(data.first[kept], data.second[kept], data.chosen[kept], data.person[kept], items=7)
+    found = delayed(six, MATERIALS, NUMBERS)
+    assert found is not None
+    assert found.delays_ms == tuple(DELAYS.tolist()[:6])
+    assert [side.early for side in found.sides] == [True, False]
+    assert repr(delayed(data, MATERIALS, {**NUMBERS, "6": {}})) == repr(found)
 
 
 @pytest.mark.parametrize("name", ["timing.toml", "late.toml"])

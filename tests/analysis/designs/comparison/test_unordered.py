@@ -66,6 +66,19 @@ def test_no_table_says_that_a_choice_was_right(study: Study) -> None:
     headings = {heading for table in tables for heading in table.header}
     assert headings.isdisjoint(one.heading for one in (NEIGHBORS[1], PEOPLE[1], VALUES[3]))
     assert not any("right" in table.title for table in tables)
+    keys = {key for table in tables for record in table.records for key in record}
+    assert keys.isdisjoint({"right", "share_right", "trials_of_two"})
+    assert "named" in keys
+
+
+def test_a_tie_is_right_for_nobody_only_where_materials_are_ordered(study: Study) -> None:
+    found = results.compute(study)
+    (task,) = found.tasks
+    tied = replace(task, pairs=tuple(replace(pair, ties=1) for pair in task.pairs))
+    for ordered in (True, False):
+        shown = sections(study, replace(found, tasks=(tied,), ordered=ordered), None)
+        (pairs,) = (one for one in shown if one.slug == "pairs")
+        assert any("right" in note for note in pairs.tables[0].notes) == ordered
 
 
 def test_each_material_is_named_as_often_as_answers_say(study: Study) -> None:

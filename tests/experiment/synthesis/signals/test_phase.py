@@ -103,6 +103,23 @@ def test_at_recorded_speeds_the_profile_is_that_of_the_take_and_between_them_it_
     assert sampling.profile_rows([()], str) == []
 
 
+def test_a_silent_take_is_left_out_of_the_worst_and_alone_is_unknown() -> None:
+    of = bursting(2.0, 5.0)
+    assert of.profiles is not None
+    whole = phase.profile_error(of)
+    heard = of.profiles.copy()
+    for silent in (0, 2):
+        of.profiles[silent] = 0.0
+        recorded, *_ = phase.profile_error(of)
+        assert recorded is not None
+        assert not np.isnan(recorded)
+        of.profiles[silent] = heard[silent]
+    of.profiles[1] = 0.0
+    recorded, *inner = phase.profile_error(of)
+    assert recorded == pytest.approx(whole[0], abs=0.05)
+    assert inner == [None] * 4
+
+
 def test_phases_stay_within_a_cell_and_the_ends_are_the_recorded_ones() -> None:
     of = bursting(5.0)
     made = of.in_time(of)
