@@ -5,9 +5,10 @@ up to `MOST_KEPT_BYTES` are kept for it. It ends, with the force at zero, when t
 kill at the next cycle, as the signal pending in /proc; elsewhere some milliseconds later, when their line ends.
 
 The force is zero from a fault until the hand touches anew from outside: a cycle that began `SILENT_NS` or more late, no
-frame of the tracker for that long and a period, or a sample that `rendering` does not believe. So is the vibration: the
-audio stream asks before each block whether the servo has rendered within `SILENT_NS` (`pulse`). After a late device, a
-tracker that has gone or was silent for the rig's `stall_ms`, the process reports it and ends.
+frame of the tracker for that long and a period, or a sample that `rendering` does not believe. A touch in the samples
+that come first after a fault counts, without force. The vibration is zero as the force is: the audio stream asks before
+each block whether the servo has rendered within `SILENT_NS` (`pulse`). After a late device, a tracker that has gone or
+was silent for the rig's `stall_ms`, the process reports it and ends.
 
 At the session's end and `HEARTBEAT_NS` after its last heartbeat, the force falls to zero over `FALLS_NS`, and the
 vibration ends at once. The session has to ask anew.
@@ -217,6 +218,7 @@ class Servo:
         self._observer = orders.observer()
         self._sent_n = NO_FORCE
         self._arrived_ns = 0
+        self._faulted = False
         self._record = ForceRecord()
         self.counts: Counter[str] = Counter()
 
@@ -305,6 +307,9 @@ class Servo:
                     self.counts["unbelievable"] += pushed and self._at.state is None
                     for touch in touches:
                         self._line.tell(TOUCH, TOUCHED.pack(*touch), now_ns)
+                if self._faulted:
+                    # A hand that went in meanwhile never worked against the spring, which would strike it.
+                    self._faulted, self._at = False, self._at.silent()
         silent_ns = now_ns - self._arrived_ns
         if self._arrived_ns and silent_ns > self._orders.stall_ms * 1e6:
             late = f"no frame for {silent_ns / 1e6:.0f} ms"
@@ -315,7 +320,7 @@ class Servo:
 
     def _fall_silent(self, why: str) -> None:
         self.counts[why] += any(self._at.force_n)
-        self._at = self._at.silent()
+        self._faulted, self._at = True, self._at.silent()
 
     def close(self) -> None:
         """Take force and vibration away, and tell how the cycles went."""

@@ -24,6 +24,7 @@ from palpate.experiment.apparatus.servo.process import (
     SILENT_NS,
     STOOD,
     TIME,
+    TOUCH,
     Line,
     Orders,
     Servo,
@@ -44,6 +45,8 @@ NEVER_NS, BEAT_NS = BEGINS_NS + 10**12, 100_000_000
 FAILS_NS = BEGINS_NS + 40_000_000
 """By then the hand, from 2 mm above the face at 100 mm/s, presses."""
 
+TOUCHES_NS = BEGINS_NS + 20_000_000
+
 
 @dataclass
 class World:
@@ -53,6 +56,8 @@ class World:
     sent: int = 0
     counts: Callable[[int, int], int | None] = lambda _now_ns, counts: counts
     """What a reading is sent as; None for no frame."""
+    height_mm: Callable[[int], float] = lambda at_ns: max(2.0 - (at_ns - BEGINS_NS) * 1e-7, -2.0)
+    fails_ns: int = FAILS_NS
     slides_mm_s: float | None = None
     """How fast the hand goes along the face; None for a tracker that is not planar."""
     gone: bool = False
@@ -82,18 +87,17 @@ class World:
             self.last_beat_ns = self.now_ns
             self.session.tell(BEAT, b"", self.now_ns)
         self.heard += self.session.hear()
-        if self.gone and self.now_ns >= FAILS_NS:
+        if self.gone and self.now_ns >= self.fails_ns:
             raise OSError(errno.EIO, "unplugged")
         data = b""
         while BEGINS_NS + self.sent * PERIOD_NS <= self.now_ns:
             at_ns = BEGINS_NS + self.sent * PERIOD_NS
-            mm = max(2.0 - (at_ns - BEGINS_NS) * 1e-7, -2.0)
-            counts = self.counts(at_ns, round((mm + 20.0) * 1000))
+            counts = self.counts(at_ns, round((self.height_mm(at_ns) + 20.0) * 1000))
             slid_mm = (self.slides_mm_s or 0.0) * (at_ns - BEGINS_NS) * 1e-9
             along = [] if self.slides_mm_s is None else [round((slid_mm + 30.0) * 1000)]
             data += b"" if counts is None else encode(self.sent, at_ns // 1000, counts, *along)
             self.sent += 1
-        if self.reads_long and self.now_ns >= FAILS_NS:
+        if self.reads_long and self.now_ns >= self.fails_ns:
             self.reads_long = False
             self.now_ns += SILENT_NS
         return data
@@ -103,7 +107,7 @@ class World:
 
     def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> Pair:
         self.pushed.append((now_ns, force_n))
-        if self.stalls and now_ns >= FAILS_NS:
+        if self.stalls and now_ns >= self.fails_ns:
             self.stalls = False
             self.now_ns += SILENT_NS + PERIOD_NS
         return force_n
@@ -216,6 +220,31 @@ def test_a_tracker_that_falls_silent_ends_both(monkeypatch: pytest.MonkeyPatch) 
     servo, pulse_ns = run(world, monkeypatch)
     assert lets_go_ns(world) <= SILENT_NS + PERIOD_NS
     assert (pulse_ns, servo.counts["without the hand"]) == (0, 1)
+
+
+def back_and_again(at_ns: int) -> float:
+    """From 2 mm above the face to as deep inside, out after 60 ms, and in again after 100; at 100 mm/s."""
+    return abs((at_ns - BEGINS_NS) % 80_000_000 - 40_000_000) * 1e-7 - 2.0
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        World(stalls=True),
+        World(reads_long=True),
+        World(counts=lambda at_ns, counts: None if 0 <= at_ns - TOUCHES_NS + 1_000_000 < 5_000_000 else counts),
+    ],
+    ids=["late", "held up", "without the hand"],
+)
+def test_a_touch_during_a_fault_counts_and_pushes_nothing_until_the_hand_was_outside(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world.height_mm, world.fails_ns = back_and_again, TOUCHES_NS - 1_000_000
+    run(world, monkeypatch, until_ns=TOUCHES_NS + 100_000_000)
+    began_ns = next(at_ns for at_ns, force_n in world.pushed if any(force_n))
+    assert 0 < began_ns - (TOUCHES_NS + 80_000_000) <= PERIOD_NS
+    world.heard += world.session_end
+    assert len([kind for kind, *_ in world.heard if kind == TOUCH]) == 2
 
 
 @pytest.mark.parametrize("world", [World(gone=True), World(dead=True)], ids=["tracker", "session"])
