@@ -1,7 +1,7 @@
 """Taps on samples or on virtual surfaces in a protocol: their table and their rules."""
 
 from collections.abc import Iterator
-from math import inf, pi
+from math import ceil, inf, pi
 from typing import Annotated
 
 from pydantic import Field
@@ -136,9 +136,13 @@ def _crossed(tapping: Table) -> Iterator[Broken]:
     least_hz = least_crossover_hz(
         number_at(tapping, "stiffness_n_m") or 0.0, number_at(tapping, "damping_n_s_m") or 0.0
     )
+    if least_hz == inf:
+        yield Broken(("tapping", "damping_n_s_m"), "a number above 0: without a damper a crossover gives energy")
+        return
     for i, hz in crossovers:
         if hz < least_hz:
-            allowed = f"at least {least_hz:.6g} Hz, K / (2 pi C): filtered below it, a block gives energy to the hand"
+            up_hz = ceil(least_hz * 1e3) / 1e3
+            allowed = f"at least {up_hz:.10g} Hz, K / (2 pi C): filtered below it, a block gives energy to the hand"
             yield Broken(("tapping", "surfaces", i, "crossover_hz"), allowed)
 
 

@@ -52,8 +52,9 @@ BROKEN = [
     (changed(rendering(), SECOND, "oak"), "tapping.surfaces[1].material", "each once: felt, cork, tin"),
     (changed(rendering(), ("tapping", "switch_key"), "1"), "tapping.switch_key", "of its own"),
     (changed(CROSSED, (*SECOND[:3], "crossover_hz"), None), "tapping.surfaces[1].crossover_hz", "a number of hertz"),
-    # 800 N/m over 2 pi 4 N s/m.
-    (changed(CROSSED, ("tapping", "damping_n_s_m"), 4.0), "tapping.surfaces[0].crossover_hz", "at least 31.831 Hz"),
+    # 800 N/m over 2 pi 3.9984 N s/m, 31.84373 Hz, rounded up.
+    (changed(CROSSED, ("tapping", "damping_n_s_m"), 3.9984), "tapping.surfaces[0].crossover_hz", "at least 31.844 Hz"),
+    (changed(CROSSED, ("tapping", "damping_n_s_m"), 0.0), "tapping.damping_n_s_m", "a number above 0"),
     (changed(CROSSED, ("tapping", "mass_kg"), 2.0), "tapping.mass_kg", "no value"),
     (changed(CROSSED, ("tapping", "force_error_max"), 0.5), "tapping.force_error_max", "no value"),
     (changed(rendering(), ("tapping", "mass_kg"), -1.0), "tapping.mass_kg", "greater than 0"),

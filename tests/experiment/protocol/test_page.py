@@ -11,6 +11,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, Literal, get_args, get_origin
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,9 +21,11 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.protocol import designs, kinds
 from palpate.experiment.protocol.approval import Seal, sha256
 from palpate.experiment.protocol.files import ProtocolFile, load, shipped
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import approved as approval_lines
 from palpate.experiment.protocol.page import page as page_of
+from palpate.experiment.session.kinds.tapping.virtual import vibrations
 from palpate.experiment.settings.characters import JOINERS, deceptive, hidden, leftward
 from tests.experiment.protocol import leveled, tapping
 from tests.experiment.protocol.asking import asked
@@ -417,6 +420,19 @@ def test_a_seal_is_told_in_lines_of_its_own(approved: SnapshotAssertion) -> None
 def test_the_file_stands_on_the_page() -> None:
     shown = page_of(protocol(), "a\n\x1b[2Kb.toml")
     assert "  File         | a <U+001B>[2Kb.toml\n" in shown
+
+
+def test_a_board_reads_what_a_crossover_leaves_of_each_vibration() -> None:
+    """The filter, sampled at 48 kHz: rms beside that of the same vibrations whole."""
+    crossed, whole = tapping.CROSSED.table(Tapping), ProtocolFile.model_validate(tapping.rendering()).table(Tapping)
+    left, of = (
+        [float(np.linalg.norm(rings.unit.waveform_m_s2)) for rings in vibrations(one, 48_000).values()]
+        for one in (crossed, whole)
+    )
+    shown = words(page(tapping.CROSSED)).partition("200 mm/s, before the filter: ")[2]
+    percent = [float(one) for one in re.findall(r"leaves ([0-9.]+) % of it \(rms\)", shown)]
+    assert percent == pytest.approx([100 * a / b for a, b in zip(left, of, strict=True)], rel=0.01)
+    assert len(percent) == 3
 
 
 def test_the_margin_of_a_planned_equivalence_is_told() -> None:

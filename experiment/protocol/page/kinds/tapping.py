@@ -1,7 +1,7 @@
 """What a board's page says of taps on samples or on virtual surfaces."""
 
 from collections.abc import Iterator
-from math import log
+from math import hypot, log, pi
 
 from palpate.experiment.protocol.blocks import Block, Item, Said, named, number
 from palpate.experiment.protocol.kinds.tapping import Tapping, least_crossover_hz, rendered
@@ -39,12 +39,12 @@ def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
     yield Said(
         "At the touch the finger is vibrated as a tap rings: a sinusoid that fades by exp(-t B), with B = "
         f"{number(virtual.decay_per_s)} /s, and grows with the speed of the tap. Its frequency, and its amplitude at "
-        "200 mm/s:"
+        f"200 mm/s{', before the filter' if virtual.crossovers_hz else ''}:"
     )
     for one in virtual.surfaces:
         ring = round(one.amplitude * virtual.full_m_s2, 6)
         when = "" if one.delay_ms is None else f", {_when(one.delay_ms)}"
-        hands_over = "" if one.crossover_hz is None else f", crossover at {number(one.crossover_hz)} Hz"
+        hands_over = _hands_over(one.crossover_hz, one.attack_hz, virtual.decay_per_s)
         yield Item(f"{named(one.material)}: {number(one.attack_hz)} Hz, {number(ring)} m/s^2{when}{hands_over}.")
     if ahead_ms := virtual.ahead_ms:
         yield Said(
@@ -58,6 +58,15 @@ def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
         f"the hand is faster than {number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer "
         "was right."
     )
+
+
+def _hands_over(crossover_hz: float | None, attack_hz: float, decay_per_s: float) -> str:
+    """Return the crossover, and the rms that its filter leaves of exp(-B t) sin(W t), by Parseval."""
+    if crossover_hz is None:
+        return ""
+    turns = 2 * pi * attack_hz
+    left = hypot(decay_per_s, turns) / hypot(decay_per_s + 2 * pi * crossover_hz, turns)
+    return f", crossover at {number(crossover_hz)} Hz, which leaves {100 * left:.3g} % of it (rms)"
 
 
 def _when(delay_ms: float) -> str:

@@ -13,7 +13,7 @@ from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.servo.observer import observer_of
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.synthesis.contact.observer import CHANGES_M_S2, Observer, Seen
-from tests.experiment.apparatus.servo.test_passivity import PAPER, device
+from tests.experiment.apparatus.servo.test_passivity import CROSSED, PAPER, device
 
 PERIOD_S, NOISE_M = 4e-4, 5e-6
 OURS = Observer(PERIOD_S, NOISE_M, 0.05)
@@ -81,6 +81,7 @@ def test_the_rig_says_what_is_told() -> None:
     assert light is not None
     assert light.mass_kg == 0.03
     assert observer_of(PAPER, device(), tracker) is None
+    assert observer_of(CROSSED, device(tip_mass_kg=0.1), tracker) is None
 
 
 def test_a_stronger_damper_is_told_the_mass_that_it_takes() -> None:

@@ -17,7 +17,7 @@ from palpate.experiment.apparatus.servo.observer import QUANTUM_SD
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.errors import RigError
-from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.files import load, shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.synthesis.contact.observer import Observer
 from tests.approved import Refuses
@@ -39,6 +39,7 @@ PAPER = Tapping(
     decay_per_s=100.0,
     fastest_mm_s=175.0,
 )
+CROSSED = load(shipped("crossover.toml")).table(Tapping)
 TRACKER = tracker_of(rig.load(shipped("rigs/tapping.toml")))
 """5 um of noise, counts of 1 um, 2.5 kHz."""
 
@@ -66,6 +67,11 @@ def test_a_force_that_comes_late_asks_for_more() -> None:
     spring = PAPER.model_copy(update={"damping_n_s_m": 0.0})
     assert bears(spring, delay_ms=0.8, damping_n_s_m=2.51)
     assert not bears(spring, delay_ms=0.8, damping_n_s_m=2.49)
+
+
+def test_of_several_crossovers_the_one_that_asks_for_most_counts() -> None:
+    """4.764 N s/m at 160 Hz, and 0.3 at 10: by the closed form of `test_sampled`."""
+    assert [bears(CROSSED, damping_n_s_m=n_s_m, tip_mass_kg=0.1) for n_s_m in (4.76, 4.77)] == [False, True]
 
 
 def grows(observer: Observer, *, k: float, c: float, b: float, kg: float, n_m: float, samples: int) -> bool:
