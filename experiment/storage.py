@@ -415,6 +415,14 @@ def left_of(dataset: Path, participant: str) -> list[Path]:
     return [path for path in (*source, *tables) if path != withdrawal_path(dataset, participant)]
 
 
+def left_of_session(dataset: Path, label: str, task: str) -> list[Path]:
+    """Return every file that a dataset holds of one session, with what a second rater said of the label's sound."""
+    places = (participant_folder(dataset, label), *dataset.glob(f"sub-{label}/*"))
+    own = [path for place in places for path in place.glob(f"sub-{label}_task-{task}_*")]
+    sound = list(voices_folder(dataset, label).glob(f"task-{task}_*"))
+    return [*own, *sound, *(voices_folder(dataset, label).glob("*.log") if sound else ())]
+
+
 def facts_path(dataset: Path, participant: str) -> Path:
     """Return where what a participant was asked about themselves stands inside a dataset."""
     return participant_folder(dataset, participant) / f"sub-{participant}_facts.json"

@@ -507,10 +507,12 @@ def withdraw(
         )
     _check_roster(protocol_file, dataset)
     if erase and not yes:
-        sessions, answers = withdrawal.count_recorded(protocol_file, participant, root=dataset)
+        sessions, answers, others = withdrawal.count_recorded(protocol_file, participant, root=dataset)
         what = f"{count(sessions, 'session')} of participant {participant} with {count(answers, 'answer')}"
         if not sessions:
             what = f"what is left of participant {participant}, who has no session here"
+        if others:
+            what += f" ({others} of them under this label, of others who withdrew)"
         options.confirm(f"This deletes {what}, for good.", participant, "nothing was erased")
     try:
         path = withdrawal.withdraw(

@@ -311,7 +311,7 @@ def _anchors(dataset: Dataset) -> Iterator[Finding]:
 def _erased(dataset: Dataset) -> Iterator[Finding]:
     """Yield what is there of a participant whose data were erased: a kill left it, or a backup brought it back."""
     for participant in sorted(dataset.people.erased):
-        for path in storage.left_of(dataset.root, participant)[:1]:
+        for path in dataset.people.left_of(dataset.root, participant)[:1]:
             what = f"the data of participant {participant} were erased, as the roster says, and this is here"
             yield Finding(what, path, remedy=finish_withdrawal(dataset.root, dataset.people, participant))
 
@@ -491,10 +491,11 @@ def _lost_sessions(dataset: Dataset) -> Iterator[Finding]:
     root, table = dataset.root, dataset.root / "participants.tsv"
     for row in table_rows(table):
         participant, first = row.get("participant_id", "").removeprefix("sub-"), row.get("first_task", "")
-        tasks = () if participant in dataset.people.erased else dataset.tasks.get(participant, ())
+        tasks = dataset.tasks.get(participant, ())
         own = {storage.journal_path(root, participant, task): task for task in tasks}
         wanted = {path for path, task in own.items() if task == first} or own.keys()
-        if wanted and dataset.begun.isdisjoint(wanted):
+        erased = any(dataset.people.has_erased(str(path)) for path in wanted)
+        if wanted and not erased and dataset.begun.isdisjoint(wanted):
             lost = f"is missing, and {table.name} has a session of participant {participant}"
             words = f"if no such session took place, {table.name} was edited: delete that, and make it again"
             remedy = build_again(root, words, suffices=False)

@@ -416,7 +416,7 @@ def _cut_short(findings: Sequence[Finding], mends: Mapping[str, Remedy]) -> Iter
 
 def _erased(root: Path, people: Roster) -> Iterator[Finding]:
     for participant in sorted(people.erased):
-        if not storage.left_of(root, participant):
+        if not people.left_of(root, participant):
             yield Finding("has no data: they were erased, as the roster says", f"sub-{participant}", verdict="unknown")
 
 
@@ -519,7 +519,7 @@ def _unfinished(root: Path, roster: Roster) -> dict[str, Remedy]:
         for participant in roster.withdrawn
         if marked.get(f"sub-{participant}", "1") != "1"
         or not _is_marked(root, participant)
-        or (participant in roster.erased and (f"sub-{participant}" in marked or storage.left_of(root, participant)))
+        or (participant in roster.erased and (f"sub-{participant}" in marked or roster.left_of(root, participant)))
     }
 
 

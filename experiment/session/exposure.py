@@ -285,9 +285,12 @@ def dose_before(journals: Iterable[Contents], clock: Clock) -> float:
     """Return what the sessions of these journals used up of the masker's dose in the last 24 hours.
 
     How long ago it was is known from the machine's uptime. The clock, which may be set, tells only for how long the
-    machine was off; where it went back, that was no time. A participant's tasks and their runners come in order.
+    machine was off; where it went back, that was no time. A label's tasks and their runners come in order, and the
+    sessions of several labels as the clock has them.
     """
     begun = sorted((one for one in journals if one.lines), key=lambda contents: contents.header.task_position)
+    if len({one.header.participant for one in begun}) > 1:
+        begun.sort(key=lambda contents: contents.lines[0].t_ns)
     runners = list(chain.from_iterable(map(_runners, begun)))
     up_now_ns = _uptimes_now(runners, clock)
     spent = 0.0

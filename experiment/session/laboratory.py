@@ -9,7 +9,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from importlib import import_module
 
-from palpate.experiment import storage
 from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import utc
@@ -22,7 +21,7 @@ from palpate.experiment.session import exposure, masker, scene
 from palpate.experiment.session.attempt import Devices
 from palpate.experiment.session.kind import FarEnds, Signals, Sitting, session_kind
 from palpate.experiment.study import schedule
-from palpate.experiment.study.admission import Admission
+from palpate.experiment.study.admission import Admission, own_journals
 
 
 @contextmanager
@@ -43,8 +42,8 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
         planned = scene.plan(protocol=protocol, task_id=sitting.task_id)
         sound: masker.Sound | None = None
         if rig.audio is not None and planned.sounds(rig):
-            paths = (storage.journal_path(sitting.dataset, sitting.participant, task.id) for task in protocol.tasks)
-            dose = exposure.dose_before([journal.read_if_begun(path) for path in paths], clock)
+            own = own_journals(sitting.dataset, sitting.participant, (task.id for task in protocol.tasks))
+            dose = exposure.dose_before([journal.read_if_begun(path) for path in own.values()], clock)
             device = ends.sound_device(opened)
             sound = masker.open_sound(
                 rig, protocol, planned=planned, clock=clock, dose_before=dose, opened=opened, device=device

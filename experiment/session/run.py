@@ -33,7 +33,7 @@ from palpate.experiment.session.kind import FarEnds, Sitting, session_kind
 from palpate.experiment.session.laboratory import header, open_laboratory
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.study import approvals, enrolment, people, roster
-from palpate.experiment.study.admission import Admission, admit, approval_for
+from palpate.experiment.study.admission import Admission, admit, approval_for, check_label, own_journals
 from palpate.experiment.study.schedule import Allocation, allocated, find_allocation
 
 
@@ -426,8 +426,7 @@ def _check_turn(root: Path, protocol_file: Path, allocation: Allocation, task_id
         raise RosterError(
             f"participant {who} does not do task '{task_id}'", remedy="name one of these", allowed=", ".join(tasks)
         )
-    if (label := roster.Roster.load(storage.roster_path(root)).label_of(who, task_id)) not in (who, None):
-        raise RosterError(f"participant {who} did task '{task_id}' under the label {label}", remedy="name another task")
+    check_label(roster.Roster.load(storage.roster_path(root)), who, task_id)
     for earlier in tasks[: tasks.index(task_id)]:
         if not _is_over(root, protocol_file, allocation, earlier, today):
             what = f"participant {who} does task '{earlier}' before '{task_id}'"
@@ -463,15 +462,16 @@ def _keep_recordings(root: Path, folder: Path) -> Path:
 def _wait_for_break(
     root: Path, protocol: Protocol, allocation: Allocation, task_id: str, clock: Clock, console: Console
 ) -> None:
-    """Let the protocol's break pass since the participant's other tasks."""
-    for other in (one for one in allocation.tasks if one != task_id):
-        before = journal.read_if_begun(storage.journal_path(root, allocation.participant, other))
-        if not before.lines:
+    """Let the protocol's break pass since the participant's other tasks, whatever label they were done under."""
+    own = own_journals(root, allocation.participant, (one.id for one in protocol.tasks))
+    for other, path in own.items():
+        before = journal.read_if_begun(path)
+        if other == task_id or not before.lines:
             continue
         left_ns = exposure.ended_ns(before) + int(protocol.task_order.break_min_s * 1e9) - clock.now_ns()
         if left_ns > 0:
             why = f"The break after task {other} lasts {minutes(protocol.task_order.break_min_s)} at least."
-            console.attend(remarks.paused(root, allocation.participant, (), other, clock))
+            console.attend(remarks.paused(root, before.header.participant, (), other, clock))
             try:
                 console.ask(Break(why, left_ns / 1e9))
             finally:

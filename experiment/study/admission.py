@@ -1,5 +1,6 @@
 """Who may be run today in one of their tasks, and under which approval; what a journal's header then names."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -23,6 +24,22 @@ class Admission:
     consent_sha256: str | None
 
 
+def own_journals(root: Path, participant: str, tasks: Iterable[str]) -> dict[str, Path]:
+    """Return the journal of a person's session of each task, whatever its label; none where theirs has another's."""
+    known = Roster.load(storage.roster_path(root))
+    labels = {task: known.label_of(participant, task) for task in tasks}
+    return {task: storage.journal_path(root, label, task) for task, label in labels.items() if label is not None}
+
+
+def check_label(roster: Roster, who: str, task: str) -> None:
+    """Raise `RosterError` where a participant's session of a task is under another's label, or another's is theirs."""
+    if (label := roster.label_of(who, task)) != who:
+        person = roster.took_part.get((who, task), who)
+        whose = f"that of participant {person} is under the label" if label is None else f"theirs is under {label}, not"
+        what = f"no session of task '{task}' goes on for participant {who}: {whose} {who}, as the roster says"
+        raise RosterError(what, remedy="leave it as it is, begun or complete, and name another task")
+
+
 def sessions_begun(root: Path, allocation: Allocation, known: Approvals) -> dict[str, int]:
     """Return the number of the approval of each task whose session has begun."""
     paths = {task: storage.journal_path(root, allocation.participant, task) for task in allocation.tasks}
@@ -41,9 +58,9 @@ def admit(
 ) -> Admission:
     """Return under which approval a participant may be run today in a task.
 
-    Raises `RosterError` if the study is suspended or ended, if the approval has expired, or if they may not be run or
-    have to consent again, and `DatasetError` if the protocol or its seal is not the one that covers them. `rig` stands
-    in the command that a remedy names.
+    Raises `RosterError` if the study is suspended or ended, if the approval has expired, if they may not be run or have
+    to consent again, or as `check_label`, and `DatasetError` if the protocol or its seal is not the one that covers
+    them. `rig` stands in the command that a remedy names.
     """
     roster = Roster.load(storage.roster_path(root))
     first = approvals.read_first(root, protocol_file, followed=enrolment.may_follow(root, protocol))
@@ -51,6 +68,7 @@ def admit(
     who = allocation.participant
     if (stop := all_approvals.stop(on)) is not None:
         raise approvals.stopped_error(stop)
+    check_label(roster, who, task_id)
     wanted = approval_for(root, allocation, task_id, all_approvals, on)
     if wanted is None:
         what = f"participant {who} does not continue task '{task_id}': an amendment ended the sessions under way"

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import date
+from itertools import chain as chained
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal, get_args
 
@@ -340,8 +341,19 @@ class Roster:
         return bool(self.sharing.get(participant)) and participant not in self.withdrawn
 
     def has_erased(self, file: str) -> bool:
-        """Return whether a file of the dataset, by its path inside, was of a participant whose data were deleted."""
-        return PurePosixPath(file).parent.name.removeprefix("sub-") in self.erased
+        """Return whether a file of the dataset, by its path, was under the label or of a person who was erased."""
+        name, label = PurePosixPath(file).name, PurePosixPath(file).parent.name.removeprefix("sub-")
+        whose = (one for (of, task), one in self.took_part.items() if name.startswith(f"sub-{of}_task-{task}_"))
+        return label in self.erased or any(person in self.erased for person in whose)
+
+    def sessions_elsewhere(self, participant: str) -> list[tuple[str, str]]:
+        """Return label and task of each session of a person that stands under another's label."""
+        return [of for of, person in self.took_part.items() if person == participant != of[0]]
+
+    def left_of(self, dataset: Path, participant: str) -> list[Path]:
+        """Return all that a dataset holds of a person: what is under their label, and their sessions under others."""
+        other = (storage.left_of_session(dataset, *of) for of in self.sessions_elsewhere(participant))
+        return [*storage.left_of(dataset, participant), *chained.from_iterable(other)]
 
     def may_run(self, participant: str, protocol: Protocol, *, approved_on: date, today: date) -> None:
         """Return when `participant` may be run in the study of `protocol`.

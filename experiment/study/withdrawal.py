@@ -1,7 +1,7 @@
 """Withdrawing a participant from a study, and erasing what it has of them."""
 
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from palpate.experiment import storage
@@ -35,7 +35,9 @@ def withdraw(
     Roster.load(path).check_enrolled(participant)
     if erase:
         _check_apart(Roster.load(path), participant)
-    with journal.locked(storage.participant_folder(root, participant), participant):
+    with ExitStack() as locked:
+        for label in _labels(Roster.load(path), participant) if erase else [participant]:
+            locked.enter_context(journal.locked(storage.participant_folder(root, label), label))
         known = Roster.continued(path)
         if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
             check_reason(protocol_file, root, reason)
@@ -67,19 +69,35 @@ def _check_apart(roster: Roster, participant: str) -> None:
         raise RosterError(what, remedy=remedy)
 
 
-def count_recorded(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:
-    """Return how many sessions and answers of a participant exist. Raises `RosterError` and `SessionLocked`."""
+def count_recorded(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int, int]:
+    """Return how many sessions and answers an erasure deletes, and how many of the sessions are another person's.
+
+    Raises `RosterError` and `SessionLocked`.
+    """
     root = study_begun(protocol_file, root)
-    Roster.load(storage.roster_path(root)).check_enrolled(participant)
-    journal.check_free(storage.participant_folder(root, participant), participant)
-    paths = [path for path in storage.left_of(root, participant) if path.suffix == ".jsonl" and storage.size(path)]
-    return len(paths), sum(storage.read_bytes(path).count(b'"kind":"answer"') for path in paths)
+    roster = Roster.load(storage.roster_path(root))
+    roster.check_enrolled(participant)
+    for label in _labels(roster, participant):
+        journal.check_free(storage.participant_folder(root, label), label)
+    paths = [path for path in roster.left_of(root, participant) if path.suffix == ".jsonl" and storage.size(path)]
+    answers = sum(storage.read_bytes(path).count(b'"kind":"answer"') for path in paths)
+    return len(paths), answers, len(_others(root, roster, participant).intersection(paths))
+
+
+def _labels(roster: Roster, participant: str) -> list[str]:
+    """Return the label of a person, and those under which they have sessions."""
+    return list(dict.fromkeys([participant, *(label for label, _ in roster.sessions_elsewhere(participant))]))
+
+
+def _others(root: Path, roster: Roster, label: str) -> set[Path]:
+    """Return the journals of other people under a label."""
+    whose = roster.took_part.items()
+    return {storage.journal_path(root, who, task) for (who, task), person in whose if who == label != person}
 
 
 def _mark(root: Path, roster: Roster, participant: str, reason: str) -> None:
     """Leave the withdrawal in the participant's journals, or in a file of its own if a journal is another's or none."""
-    whose = roster.took_part.items()
-    others = {storage.journal_path(root, who, task) for (who, task), person in whose if who == participant != person}
+    others = _others(root, roster, participant)
     begun = [
         (path, contents)
         for path in storage.journals(root)
@@ -102,12 +120,15 @@ def _mark_apart(root: Path, participant: str, reason: str) -> None:
 
 def _erase(root: Path, roster: Roster, participant: str) -> None:
     """Delete what the dataset has of a participant; the roster says so before the first file is gone."""
-    folder = storage.participant_folder(root, participant)
-    if folder.is_symlink():
-        raise DatasetError(folder, "is a link", "put the folder itself in its place, then do it again")
-    _mark_apart(root, participant, roster.withdrawn[participant])
+    folders = {label: storage.participant_folder(root, label) for label in _labels(roster, participant)}
+    for folder in folders.values():
+        if folder.is_symlink():
+            raise DatasetError(folder, "is a link", "put the folder itself in its place, then do it again")
+    for label in folders:
+        _mark_apart(root, label, roster.withdrawn[label])
     if participant not in roster.erased:
         roster.erase(participant)
-    for path in storage.left_of(root, participant):
+    for path in roster.left_of(root, participant):
         storage.remove(path)
-    storage.sync_folder(folder)
+    for folder in folders.values():
+        storage.sync_folder(folder)

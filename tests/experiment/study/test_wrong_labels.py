@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,10 @@ from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Withdrawal
-from palpate.experiment.session import run
+from palpate.experiment.session import exposure, run
+from palpate.experiment.session.kind import Sitting
+from palpate.experiment.session.laboratory import open_laboratory
+from palpate.experiment.session.run import RealEnds
 from palpate.experiment.study import withdrawal
 from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
@@ -107,6 +111,107 @@ def test_a_list_of_persons_that_cannot_be_read_is_refused(study: MadeStudy, told
     storage.write_json(path, known)
     with pytest.raises(DatasetError):
         library.read(study.root)
+
+
+@pytest.mark.parametrize("later", [False, True])
+def test_an_erasure_takes_the_persons_sessions_under_other_labels(
+    study: MadeStudy, palpate: Palpate, later: bool
+) -> None:
+    """`later`: 01 had withdrawn when it was said whose session it is, and did another task of their own."""
+    first, second = study.tasks[0].tasks
+    sound = storage.voices_folder(study.root, "01") / f"task-{first}_trial-001_attempt-1.wav"
+    if later:
+        study.run(study.header("01", second))
+        build.build(study.root)
+        withdraw(study, "01")
+        sound.parent.mkdir()
+        sound.write_bytes(b"said")
+    assert tell(palpate, study, "01", "02") == 0
+    if not later:
+        withdraw(study, "01")
+    answers = 4
+    assert withdrawal.count_recorded(study.file, "02", root=study.root) == (1, answers, 0)
+    assert withdrawal.count_recorded(study.file, "01", root=study.root) == (1 + later, answers * (1 + later), 1)
+    withdraw(study, "02", erase=True)
+    assert Roster.load(storage.roster_path(study.root)).erased == {"02"}
+    assert not list(study.root.rglob(f"*task-{first}_*"))
+    assert bool(list(study.root.rglob(f"sub-01_task-{second}_*"))) == later
+    assert verify.verify(study.root).refused == 0
+    build.build(study.root)
+    withdraw(study, "01", erase=True)
+    assert verify.verify(study.root).refused == 0
+
+
+def test_both_of_two_who_exchanged_labels_may_be_erased(study: MadeStudy, palpate: Palpate) -> None:
+    task = study.tasks[0].tasks[0]
+    study.run(study.header("02", task))
+    build.build(study.root)
+    assert tell(palpate, study, "01", "02", "--exchanged") == 0
+    withdraw(study, "01")
+    withdraw(study, "02", erase=True)
+    assert not list(study.root.rglob("sub-0?_task-*"))
+    withdraw(study, "01", erase=True)
+    assert verify.verify(study.root).refused == 0
+
+
+def test_what_a_backup_brings_back_of_an_erased_person_under_another_label_is_refused(
+    made: MadeStudy, study: MadeStudy, palpate: Palpate
+) -> None:
+    assert tell(palpate, study, "01", "02") == 0
+    withdraw(study, "01")
+    withdraw(study, "02", erase=True)
+    shutil.copy(made.journal(), study.journal())
+    assert verify.verify(study.root).refused
+    withdraw(study, "02", erase=True)
+    assert not study.journal().exists()
+    assert verify.verify(study.root).refused == 0
+
+
+def test_a_paused_session_under_a_wrong_label_goes_on_for_nobody(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = study.tasks[0].tasks[0]
+    study.journal().unlink()
+    study.journal().with_suffix(".head").unlink()
+    study.run(study.header("01", first), ["c", "q"])
+    assert not run._is_complete(study.root, "01", first)
+    assert tell(palpate, study, "01", "02") == 0
+    rig_file = shipped("rigs/rehearsal.toml")
+    monkeypatch.setattr(run, "usable_rig", lambda *_: rigs.load(rig_file))
+    for who in ("01", "02"):
+        console = ScriptedConsole(ManualClock(START_NS), "")
+        with pytest.raises(RosterError) as refused:
+            run.prepare(study.file, rig_file, who, first, study.root, None, console)
+        assert refused.value.finding.remedy
+
+
+def test_the_break_and_the_dose_are_of_the_sessions_of_the_person(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    second = study.tasks[0].tasks[1]
+    assert tell(palpate, study, "01", "02") == 0
+    console, clock = ScriptedConsole(ManualClock(START_NS), ""), ManualClock(START_NS)
+    asked: list[object] = []
+    monkeypatch.setattr(console, "ask", asked.append)
+    counted: dict[str, list[str]] = {}
+
+    def dose_before(journals: list[journal.Contents], _: object) -> float:
+        counted[who] = [one.header.participant for one in journals if one.lines]
+        raise RosterError("nothing is opened")
+
+    monkeypatch.setattr(exposure, "dose_before", dose_before)
+    breaks = {}
+    for one in study.tasks[:2]:
+        who = one.participant
+        asked.clear()
+        run._wait_for_break(study.root, study.protocol, one, second, clock, console)
+        breaks[who] = len(asked)
+        rig_file = shipped("rigs/headless.toml")
+        sitting = Sitting(study.protocol, rigs.load(rig_file), rig_file, who, second, study.root, None, clock, None)
+        with pytest.raises(RosterError), open_laboratory(sitting, RealEnds(console)):
+            pass
+    assert breaks == {"01": 0, "02": 1}
+    assert counted == {"01": [], "02": ["01"]}
 
 
 def test_who_did_a_task_under_another_label_does_it_no_second_time(
