@@ -5,12 +5,17 @@ from __future__ import annotations
 import os
 import re
 import select
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager, suppress
+from dataclasses import replace
+from multiprocessing import Pipe
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +32,12 @@ from palpate.experiment.apparatus.wires.own.actuator import DriverActuator
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import ActuatorError, PalpateError, RecordingError, ServoError
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.wires.serial_line import PseudoTerminal
+from palpate.experiment.rehearsal.wires.foot import Foot
+from palpate.experiment.rehearsal.wires.serial_line import PseudoTerminal, SerialLine
 from tests.experiment.synthesis import stimuli as made
+from tests.rig.falling import HAND
 from tests.rig.sound import sound_card
+from tests.rig.test_servo import ordered
 
 pytestmark = pytest.mark.clocked
 
@@ -80,14 +88,6 @@ class Faulty:
             os.abort()
         if self.how == "hangs":
             time.sleep(30)
-        if self.how == "shape":
-            return None
-        if self.how == "NaN":
-            return float("nan"), 1, 0, 0
-        if self.how == "clock":
-            return time.time_ns(), 1, 0, 0
-        if self.how == "more":
-            return start_ns, self.samples.size + 1, 0, 0
         dropped = self.how == "drops"
         return start_ns + 60_000_000 * (self.how == "late"), self.samples.size - dropped, dropped, self.how == "clips"
 
@@ -96,12 +96,6 @@ class Faulty:
             raise RuntimeError("DAQmx error -200279")
         if self.how == "hangs":
             time.sleep(30)
-        if self.how == "shape":
-            return self.begun_ns, np.zeros((2, 3))
-        if self.how == "NaN":
-            return self.begun_ns, np.array([0.0, np.nan])
-        if self.how == "nothing":
-            return None
         time.sleep(0.02)
         first_ns = self.begun_ns + round(self.count * 1e9 / (self.rate_hz * (0.5 if self.how == "slow" else 1.0)))
         self.count += 100
@@ -275,7 +269,7 @@ def test_a_device_that_opens_for_too_long_is_told_of(tmp_path: Path, monkeypatch
     assert "0.2 s" in refused.value.finding.what
 
 
-@pytest.mark.parametrize("how", ["prepare", "raises", "exits", "crashes", "hangs", "shape", "NaN", "clock", "more"])
+@pytest.mark.parametrize("how", ["prepare", "raises", "exits", "crashes", "hangs"])
 def test_a_driver_that_fails_costs_its_stimulus_and_is_opened_anew(
     tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -326,7 +320,7 @@ def test_volts_are_accelerations(tmp_path: Path) -> None:
     assert set(sensed(tmp_path, "well").tolist()) == {25.0}
 
 
-@pytest.mark.parametrize("how", ["open", "raises", "hangs", "shape", "NaN", "nothing", "slow", "rate"])
+@pytest.mark.parametrize("how", ["open", "raises", "hangs", "slow", "rate"])
 def test_a_sensor_whose_driver_fails_is_told_of(tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("ALIVE_S", "LATE_S"):
         monkeypatch.setattr(f"palpate.experiment.apparatus.panel.accelerometer.{name}", 0.4)
@@ -401,12 +395,226 @@ def test_a_force_beyond_the_device_is_bounded(guide: Callable[[str], str], tmp_p
     assert max(n for _, n in far.pushed) == pytest.approx(0.25)
 
 
+@pytest.mark.parametrize("returned", [None, (np.nan, 1, 0, 0), (0, 1, 0, 0), (time.monotonic_ns(), 6, 0, 0)])
+def test_what_play_returns_has_to_be_possible(returned: object) -> None:
+    with pytest.raises(process.DriverFault):
+        process._sent(returned, 5, time.monotonic_ns())
+
+
+@pytest.mark.parametrize("samples", [None, np.zeros((2, 3)), np.array([0.0, np.nan]), np.zeros(0)])
+def test_what_read_returns_has_to_be_possible(samples: object) -> None:
+    with pytest.raises(process.DriverFault):
+        process._block((time.monotonic_ns(), samples))
+
+
 @pytest.mark.parametrize("how", ["open", "raises"])
 def test_an_arm_whose_driver_fails_is_told_of(tmp_path: Path, how: str) -> None:
-    code = FAULTY.replace("self.rate_hz = settings.address, settings.rate_hz", "self.rate_hz = settings.address, None")
+    code = FAULTY.replace("self.rate_hz = settings.address, settings.rate_hz", "self.rate_hz = settings.address, 1000")
     with pytest.raises(ServoError) as refused, force.served(pushing(tmp_path, code, "driven:Faulty", how)) as address:
         push(address, 100)
     assert refused.value.finding.remedy
+
+
+LOGGING = """
+import os, time
+
+class Arm:
+    def __init__(self, settings):
+        self.path = settings.address
+        self.file = open(self.path, "a", buffering=1)
+
+    def push(self, out_n, along_n, fast):
+        print("push", out_n, file=self.file)
+        if os.path.exists(self.path + ".hang"):
+            time.sleep(60)
+
+    def close(self):
+        print("close", file=self.file)
+"""
+
+
+@contextmanager
+def arm(folder: Path) -> Iterator[tuple[hosting.DriverProcess, Path]]:
+    """Yield a driver at work that a servo makes push with 0.5 N, and the file of what it did."""
+    log, over = folder / "log", threading.Event()
+    driver = force._started(pushing(folder, LOGGING, "driven:Arm", str(log)))
+
+    def go_on() -> None:
+        with closing(ForceDevice(force._address(driver), limit_n=2.0)) as device, suppress(ServoError):
+            while not over.wait(0.0005):
+                device.push((0.5, 0.0), fast=False, now_ns=time.monotonic_ns())
+                device.late_ns(time.monotonic_ns())
+
+    servo = threading.Thread(target=go_on)
+    servo.start()
+    try:
+        while "push 0.5" not in log.read_text("utf-8"):
+            time.sleep(0.001)
+        yield driver, log
+    finally:
+        over.set()
+        servo.join()
+        driver.close()
+
+
+LET_GO = ["push 0.0", "close"]
+
+
+@pytest.mark.parametrize("which", ["SIGTERM", "SIGHUP"])
+def test_a_signal_to_its_process_leaves_no_force_on(tmp_path: Path, which: str) -> None:
+    with arm(tmp_path) as (driver, log):
+        driver._process.send_signal(getattr(signal, which))
+        if which == "SIGTERM":
+            driver._process.wait(5)
+            assert log.read_text("utf-8").splitlines()[-2:] == LET_GO
+    assert log.read_text("utf-8").splitlines()[-2:] == LET_GO
+
+
+def test_a_driver_that_goes_before_its_servo_leaves_no_force_on(tmp_path: Path) -> None:
+    with arm(tmp_path) as (driver, log):
+        driver.close()
+        assert driver._process.returncode == 0
+        assert log.read_text("utf-8").splitlines()[-2:] == LET_GO
+
+
+def test_a_push_that_hangs_ends_its_process(tmp_path: Path) -> None:
+    with arm(tmp_path) as (driver, log):
+        log.with_suffix(".hang").touch()
+        driver._process.wait(5)
+    assert "`push`" in driver.fault
+
+
+def test_a_servo_blames_the_driver_that_hung_and_opens_it_anew(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    code = LOGGING.replace("class Arm:", "class Arm:\n    rate_hz = 1000")
+    hangs, rig = log.with_suffix(".hang"), pushing(tmp_path, code, "driven:Arm", str(log))
+    with SerialLine() as line, closing(Foot(line, HAND, real_time=True, tick_s=1 / HAND.rate_hz)):
+        orders = replace(ordered(line, "127.0.0.1:1"), answer_ms=500.0)
+        with closing(force.DriverServo(rig, orders, MonotonicClock())) as servo:
+            hangs.touch()
+            with pytest.raises(ServoError) as refused:
+                while True:
+                    servo.read()
+            hangs.unlink()
+            assert "driven:Arm" in refused.value.finding.what
+            assert servo._driver._process.returncode is not None
+            servo.reconnect()
+            while servo.read() is None:
+                pass
+    assert log.read_text("utf-8").splitlines()[-2:] == LET_GO
+
+
+def test_a_stimulus_that_has_begun_is_not_played_again() -> None:
+    ours, theirs = Pipe()
+    played: list[int] = []
+    begun, ends = threading.Event(), threading.Event()
+
+    class Held:
+        def prepare(self, samples: np.ndarray) -> None: ...
+
+        def play(self, start_ns: int, stopped: Callable[[], bool]) -> tuple[int, int, int, int]:
+            played.append(start_ns)
+            begun.set()
+            ends.wait(5)
+            return time.monotonic_ns(), 5, 0, 0
+
+    output = process.Output(theirs, Held(), {})
+    working = threading.Thread(target=output._work)
+    working.start()
+    output._hear(process.PREPARE, 1, np.zeros(5))
+    output._hear(process.START, 1, time.monotonic_ns())
+    assert begun.wait(5)
+    output._hear(process.START, 1, time.monotonic_ns())
+    ends.set()
+    assert ours.recv()[0] == process.SENT
+    time.sleep(0.02)
+    output._end()
+    working.join()
+    assert len(played) == 1
+
+
+OPENS = """
+import socket, time
+
+class Slow:
+    def __init__(self, settings):
+        host, _, port = settings.address.rpartition(":")
+        self.line = socket.create_connection((host, int(port)))
+        if {in_open}:
+            time.sleep(60)
+
+    def read(self):
+        time.sleep(60)
+
+    def close(self): ...
+"""
+SESSION = """
+import sys
+from pathlib import Path
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.panel.accelerometer import listener
+listener(rig.load(Path(sys.argv[1])), clock=None).arm(1000)
+"""
+
+
+@pytest.fixture
+def outside() -> Iterator[socket.socket]:
+    """What a driver connects to: the connection ends with its process."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(20)
+        yield server
+
+
+def slow(folder: Path, outside: socket.socket, *, in_open: bool) -> rigs.Rig:
+    address = f"127.0.0.1:{outside.getsockname()[1]}"
+    sensor = SENSOR.format(driver="driven:Slow", address=address, rate_hz=5000)
+    return rig_of(folder, OPENS.format(in_open=in_open), PCM, sensor)
+
+
+@pytest.mark.parametrize("in_open", [True, False], ids=["open", "read"])
+def test_a_driver_ends_with_a_session_that_is_killed(tmp_path: Path, outside: socket.socket, in_open: bool) -> None:
+    slow(tmp_path, outside, in_open=in_open)
+    told = [sys.executable, "-c", SESSION, str(tmp_path / "rig.toml")]
+    with subprocess.Popen(told) as session, outside.accept()[0] as driver:
+        session.kill()
+        driver.settimeout(10)
+        assert driver.recv(1) == b""
+
+
+def test_a_driver_ends_where_its_opening_is_interrupted(
+    tmp_path: Path, outside: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "ENDS_S", 0.2)
+    lines: list[socket.socket] = []
+
+    def interrupt() -> None:
+        lines.append(outside.accept()[0])
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+    waiting = threading.Thread(target=interrupt)
+    with closing(listener(slow(tmp_path, outside, in_open=True), clock=MonotonicClock())) as sensor:
+        waiting.start()
+        with pytest.raises(KeyboardInterrupt):
+            sensor.arm(1000)
+    waiting.join()
+    with lines[0] as driver:
+        driver.settimeout(10)
+        assert driver.recv(1) == b""
+
+
+def test_other_programs_that_connect_hold_nothing_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    create, others = socket.create_server, list[socket.socket]()
+
+    def besieged(address: tuple[str, int]) -> socket.socket:
+        server = create(address)
+        others.extend(socket.create_connection(server.getsockname()) for _ in range(2))
+        others[1].sendall(bytes(32))
+        return server
+
+    monkeypatch.setattr("palpate.experiment.apparatus.wires.own.hosting.socket.create_server", besieged)
+    assert sensed(tmp_path, "well").size == 1000
+    for other in others:
+        other.close()
 
 
 def test_a_driver_is_in_the_hash_of_its_rig(tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ Fails = Callable[[int, int, SerialLine, Foot], None]
 """What fails, by the process numbers of session and servo, and the hand's line and tracker."""
 
 
-def ordered(line: SerialLine | str, device: ForceDeviceProcess) -> Orders:
+def ordered(line: SerialLine | str, device: ForceDeviceProcess | str) -> Orders:
     return Orders(
         port=line if isinstance(line, str) else line.url,
         baud=HAND.baud,
@@ -59,7 +59,7 @@ def ordered(line: SerialLine | str, device: ForceDeviceProcess) -> Orders:
         stall_ms=2000,
         counts=tuple(float(point.counts) for point in HAND.calibration),
         mm=tuple(point.mm for point in HAND.calibration),
-        address=device.address,
+        address=device if isinstance(device, str) else device.address,
         answer_ms=5000.0,
         limit_n=3.0,
         rate_hz=2500,

@@ -1,7 +1,8 @@
 """A force device behind a lab's own driver, in a process that speaks palpate's force messages to the servo.
 
 So the driver need not watch for a servo that is silent, stops or dies: 2 ms later its process pushes with nothing. That
-process itself may die: only a device that drops its force by itself, and the emergency stop, help then.
+process itself may die, or be ended because a push hangs: only a device that drops its force by itself, and the
+emergency stop, help then.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class DriverServo(ServoProcess):
 
     def __init__(self, rig: Rig, orders: Orders, clock: Clock) -> None:
         """Open the device, then as `ServoProcess`. Raises `ServoError`."""
-        self._rig, self._driver = rig, _started(rig)
+        self._rig, self._driver, self._blames = rig, _started(rig), True
         try:
             super().__init__(replace(orders, address=_address(self._driver)), clock)
         except BaseException:
@@ -65,26 +66,36 @@ class DriverServo(ServoProcess):
             raise
 
     def read(self) -> Felt | None:
-        """Return what the hand did; see `ServoProcess.read`, but an error is the driver's where it failed."""
+        """Return what the hand did; see `ServoProcess.read`, but an error is the driver's where it failed.
+
+        After any error the driver is ended, so that none that hangs goes on pushing until somebody resumes.
+        """
         try:
             return super().read()
         except ServoError as error:
+            if not self._blames:
+                raise
+            self._blames = False
             with self._driver.changed:
                 # It is heard of soon after the servo that it left.
                 self._driver.changed.wait_for(lambda: self._driver.fault, SOON_S)
-            if self._driver.fault:
-                raise self._driver.error() from error
-            raise
+            failed = self._driver.error() if self._driver.fault else None
+            self._driver.close()
+            raise failed or error from error
 
     def reconnect(self) -> None:
-        self._driver.close()
-        self._driver = _started(self._rig)
+        self.close()
+        self._driver, self._blames = _started(self._rig), True
         self._orders = replace(self._orders, address=_address(self._driver))
-        super().reconnect()
+        self._begin()
 
     def close(self) -> None:
-        super().close()
-        self._driver.close()
+        """End the servo, which takes the force away, then the driver."""
+        self._blames = False
+        try:
+            super().close()
+        finally:
+            self._driver.close()
 
 
 SOON_S = 0.2

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import secrets
+import select
 import socket
 import subprocess
 import tempfile
 import threading
+import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -21,6 +23,8 @@ from palpate.experiment.errors import PalpateError
 
 STARTS_S, OPENS_S = 10.0, 8.0
 """How long the process may take to be there, and its driver then to open the device, s; ours."""
+
+SECRET_BYTES = 32
 
 MENDED = "restart the device, or have the driver mended; then go on"
 
@@ -58,37 +62,42 @@ class DriverProcess:
             "rate_hz": getattr(settings, "rate_hz", None),
             "full_scale_n": getattr(settings, "full_scale_n", None),
         }
-        self._start(orders)
         self._thread = threading.Thread(target=self._run, name=f"driver of the {device}", daemon=True)
-        with host.elsewhere():
-            self._thread.start()
-        with self.changed:
-            self.changed.wait_for(lambda: self.opened is not None or self.fault, OPENS_S)
+        try:
+            self._start(orders)
+            with host.elsewhere():
+                self._thread.start()
+            with self.changed:
+                self.changed.wait_for(lambda: self.opened is not None or self.fault, OPENS_S)
+        except BaseException:
+            # Ctrl-C, at any moment.
+            if hasattr(self, "_line"):
+                self.close()
+            raise
         if self.opened is None:
             fault = self.fault or f"its driver '{self.named}' was still opening the device after {OPENS_S:g} s"
             self.close()
             raise self.error(fault, "see that it is switched on and free, or have the driver mended")
 
     def _start(self, orders: dict[str, Any]) -> None:
-        secret = secrets.token_bytes(32)
+        wanted, shown = secrets.token_bytes(SECRET_BYTES), secrets.token_bytes(SECRET_BYTES)
         self._told = tempfile.TemporaryFile()  # noqa: SIM115
         with socket.create_server(("127.0.0.1", 0)) as server, host.elsewhere(), host.held_back():
             command = storage.python_command("-m", process.__name__, str(server.getsockname()[1]))
             self._process = subprocess.Popen(  # noqa: S603
                 command, stdin=subprocess.PIPE, stdout=self._told, stderr=self._told
             )
-            server.settimeout(STARTS_S)
             try:
                 with self._process.stdin or self._told as told:
-                    told.write(f"{secret.hex()}\n".encode())
-                self._there = server.accept()[0]
-                self._there.settimeout(None)
+                    told.write(f"{wanted.hex()} {shown.hex()}\n".encode())
+                self._there = _showing(wanted, server)
                 self._line = Connection(self._there.dup().detach())
-                if not secrets.compare_digest(self._line.recv_bytes(4096), secret):
-                    raise OSError("another program connected")
+                self._line.send_bytes(shown)
                 self._line.send(orders)
-            except (OSError, EOFError) as error:
+            except BaseException as error:
                 self._process.kill()
+                if not isinstance(error, OSError):
+                    raise
                 raise self.error(f"the process of its driver did not begin ({error})", "try again") from error
 
     def send(self, *message: Any) -> None:
@@ -108,7 +117,7 @@ class DriverProcess:
         return self.error()
 
     def close(self) -> None:
-        """Let go of the driver, and end it if it does not let go of the device."""
+        """Let go of the driver, and end it if it does not let go of the device; a second time does nothing."""
         with suppress(OSError):
             self._there.shutdown(socket.SHUT_RDWR)
         try:
@@ -116,7 +125,8 @@ class DriverProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._thread.join()
+        if self._thread.is_alive():
+            self._thread.join()
         for one in (self._line, self._there, self._told):
             one.close()
 
@@ -151,3 +161,21 @@ class DriverProcess:
         said = [line.strip() for line in lines if line.strip()]
         code = self._process.returncode
         return said[-1][:120] if said and code and code > 0 else f"exit status {code}"
+
+
+def _showing(secret: bytes, server: socket.socket) -> socket.socket:
+    """Return the connection of whoever shows a secret; others that connect are let go. Raises `OSError`."""
+    ends_s, others = time.monotonic() + STARTS_S, list[socket.socket]()
+    with ExitStack() as stack:
+        while (left_s := ends_s - time.monotonic()) > 0:
+            for ready in select.select([server, *others], [], [], left_s)[0]:
+                if ready is server:
+                    others.append(stack.enter_context(server.accept()[0]))
+                    continue
+                others.remove(ready)
+                # So few bytes come in one piece.
+                with suppress(ConnectionError):
+                    if secrets.compare_digest(ready.recv(SECRET_BYTES), secret):
+                        return ready.dup()
+                ready.close()
+    raise TimeoutError(f"it did not connect within {STARTS_S:g} s")

@@ -1,7 +1,8 @@
 """The process in which a lab's own driver runs; `hosting` starts it, and hears of it whatever the driver does.
 
-Its argument is a port of this machine to connect to, its first line of input the secret that it then shows. It gets the
-bytes of the driver's file, executes them, opens the device, and ends once that line does.
+Its argument is a port of this machine to connect to, its first line of input the secret that it then shows, and the one
+that it must then be shown. It gets the bytes of the driver's file, executes them, opens the device, and ends once that
+line does, or on SIGTERM.
 """
 
 from __future__ import annotations
@@ -43,6 +44,9 @@ LEAD_S = 1.0
 ENDS_S = 2.0
 """So long a driver may take to close once nobody listens any more, s."""
 
+PUSH_S = 0.05
+"""A push that goes on when it is looked at twice so far apart, s, hangs; ours."""
+
 WATCHED_S, PART = 5.0, 0.05
 """Over so long, s, the times that a driver states may differ from its rate by this part; ours: they may be late."""
 
@@ -76,20 +80,53 @@ def opened(orders: dict[str, Any], needed: tuple[str, ...]) -> Any:
 
     driver = blamed("open", construct)
     rate_hz = blamed("rate_hz", getattr, driver, "rate_hz", None)
-    if rate_hz is not None and rate_hz != orders["rate_hz"]:
+    if None not in (rate_hz, orders["rate_hz"]) and rate_hz != orders["rate_hz"]:
         raise DriverFault("rate_hz", f"it is {rate_hz!r:.40}, and {orders['rate_hz']} in the rig file")
     return driver
 
 
-class Output:
+class Role:
+    """What a driver is there for, until the other end is gone."""
+
+    def __init__(self, line: Connection, driver: Any) -> None:
+        self._line, self._driver = line, driver
+
+    def opened(self) -> dict[str, Any]:
+        """Return what the other end is told of the device."""
+        return {}
+
+    def run(self) -> None:
+        """Hear the other end in a thread of its own, and work until it is gone. Raises `DriverFault`."""
+        threading.Thread(target=self._listen, daemon=True).start()
+        self._work()
+
+    def _listen(self) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                self._hear(*self._line.recv())
+        _end_soon()
+        self._end()
+
+    def _hear(self, what: str, number: int, content: Any) -> None:
+        """Take a message."""
+
+    def _work(self) -> None:
+        raise NotImplementedError
+
+    def _end(self) -> None:
+        """Have `_work` return."""
+        raise NotImplementedError
+
+
+class Output(Role):
     """Plays one stimulus after the other by a driver, each from its start on until its end or a stop."""
 
     NEEDED = "prepare", "play", "close"
 
     def __init__(self, line: Connection, driver: Any, orders: dict[str, Any]) -> None:  # noqa: ARG002
-        self._line, self._driver = line, driver
+        super().__init__(line, driver)
         self._changed = threading.Condition()
-        self._number, self._cut = 0, -1.0
+        self._number, self._begun, self._cut = 0, 0, -1.0
         self._samples: NDArray[np.float64] | None = None
         self._start_ns: int | None = None
         self.lead_s = blamed("lead_s", lambda: float(getattr(driver, "lead_s", 0.0)))
@@ -97,12 +134,9 @@ class Output:
             raise DriverFault("lead_s", f"it is {self.lead_s!r:.40}, not 0 to {LEAD_S:g} s")
 
     def opened(self) -> dict[str, Any]:
-        """Return what the other end is told of the device."""
         return {"lead_s": self.lead_s}
 
-    def run(self) -> None:
-        """Prepare and play until the other end is gone. Raises `DriverFault`."""
-        threading.Thread(target=self._hear, daemon=True).start()
+    def _work(self) -> None:
         length = 0
         while (due := self._due()) is not None:
             number, what = due
@@ -126,27 +160,23 @@ class Output:
                     left_s = (self._start_ns - time.monotonic_ns()) / 1e9 - self.lead_s
                     if left_s <= 0:
                         start_ns, self._start_ns = self._start_ns, None
+                        self._begun = self._number
                         return self._number, start_ns
                 self._changed.wait(left_s)
             return None
 
-    def _hear(self) -> None:
-        while True:
-            try:
-                what, number, content = self._line.recv()
-            except (EOFError, OSError):
-                what, number, content = STOP, math.inf, None
-            with self._changed:
-                if what == PREPARE:
-                    self._number, self._samples, self._start_ns = number, content, None
-                elif what == STOP:
-                    self._cut, self._samples, self._start_ns = number, None, None
-                elif number == self._number > self._cut:
-                    self._start_ns = content
-                self._changed.notify_all()
-            if number == math.inf:
-                _end_soon()
-                return
+    def _hear(self, what: str, number: float, content: Any) -> None:
+        with self._changed:
+            if what == PREPARE:
+                self._number, self._samples, self._start_ns = int(number), content, None
+            elif what == STOP:
+                self._cut, self._samples, self._start_ns = number, None, None
+            elif number == self._number > max(self._cut, self._begun):
+                self._start_ns = content
+            self._changed.notify_all()
+
+    def _end(self) -> None:
+        self._hear(STOP, math.inf, None)
 
 
 def _sent(result: Any, length: int, asked_ns: int) -> tuple[int, int, int, int]:
@@ -163,22 +193,21 @@ def _sent(result: Any, length: int, asked_ns: int) -> tuple[int, int, int, int]:
     return began_ns, played, dropped, clipped
 
 
-class Input:
+class Input(Role):
     """Hands on what a driver reads, block by block."""
 
     NEEDED = "read", "close"
 
     def __init__(self, line: Connection, driver: Any, orders: dict[str, Any]) -> None:
-        self._line, self._driver, self._rate_hz = line, driver, orders["rate_hz"]
+        super().__init__(line, driver)
+        self._rate_hz, self._over = orders["rate_hz"], False
 
-    def opened(self) -> dict[str, Any]:
-        """Return what the other end is told of the device."""
-        return {}
+    def _end(self) -> None:
+        self._over = True
 
-    def run(self) -> None:
-        """Read until the other end is gone. Raises `DriverFault`."""
+    def _work(self) -> None:
         count, recent = 0, deque[tuple[int, int]]()
-        while not self._line.poll():
+        while not self._over:
             first_ns, samples = _block(blamed("read", self._driver.read))
             recent.append((count, first_ns))
             while len(recent) > 2 and first_ns - recent[1][1] > WATCHED_S * 1e9:
@@ -207,46 +236,63 @@ def _block(result: Any) -> tuple[int, NDArray[np.float64]]:
     return first_ns, samples
 
 
-class Force:
+class Force(Role):
     """Pushes by a driver what the servo asks for, and with nothing as soon as the servo is silent or gone."""
 
     NEEDED = "push", "close"
 
     def __init__(self, line: Connection, driver: Any, orders: dict[str, Any]) -> None:
-        self._line, self._driver = line, driver
-        self._most_n = orders["full_scale_n"]
+        super().__init__(line, driver)
+        self._most_n, self._pushes, self._is_pushing = orders["full_scale_n"], 0, False
         self._server = socket.create_server(("127.0.0.1", 0))
+        self._servo: socket.socket | None = None
+        self._over = False
         self._push(NO_FORCE, 0, False)
 
     def opened(self) -> dict[str, Any]:
-        """Return what the other end is told of the device."""
         return {"port": self._server.getsockname()[1]}
 
-    def run(self) -> None:
-        """Serve one connection after the other until the other end is gone. Raises `DriverFault`."""
+    def _work(self) -> None:
+        """Serve one connection after the other."""
         host.raise_above_sessions()
-        watched = threading.Thread(target=self._watch, daemon=True)
-        watched.start()
+        threading.Thread(target=self._guard, daemon=True).start()
         try:
             while True:
-                with self._server.accept()[0] as servo:
-                    hold(servo, self._push)
+                with self._server.accept()[0] as self._servo:
+                    if self._over:
+                        break
+                    hold(self._servo, self._push)
         except OSError:
             # Nobody starts a servo any more.
             pass
         finally:
             self._push(NO_FORCE, 0, False)
 
-    def _watch(self) -> None:
-        with suppress(EOFError, OSError):
-            self._line.recv()
-        _end_soon()
-        # Whoever waits for a connection is not woken by its close alone.
-        self._server.shutdown(socket.SHUT_RDWR)
+    def _guard(self) -> None:
+        """End this process, and with it whatever it has open, once a push hangs."""
+        before = 0
+        while not (self._is_pushing and self._pushes == before):
+            before = self._pushes
+            time.sleep(PUSH_S)
+        with suppress(OSError):
+            self._line.send((FAILED, "push", f"it did not return within {2 * PUSH_S * 1e3:g} ms"))
+        os._exit(1)
+
+    def _end(self) -> None:
+        self._over = True
+        # Whoever waits for a connection, or at one, is not woken by its close alone.
+        for one in (self._server, self._servo):
+            with suppress(OSError):
+                if one is not None:
+                    one.shutdown(socket.SHUT_RDWR)
 
     def _push(self, force_n: Pair, _why: int, fast: bool) -> None:
         out_n, along_n = bounded(force_n, self._most_n)
-        blamed("push", self._driver.push, out_n, along_n, fast)
+        self._pushes, self._is_pushing = self._pushes + 1, True
+        try:
+            blamed("push", self._driver.push, out_n, along_n, fast)
+        finally:
+            self._is_pushing = False
 
 
 ROLES: dict[str, Any] = {"actuator": Output, "accelerometer": Input, "servo": Force}
@@ -259,19 +305,52 @@ def _end_soon() -> None:
     ends.start()
 
 
+def _watch_opening(line: Connection, is_open: threading.Event) -> None:
+    """End this process if the other end goes while the driver still opens its device."""
+    while not is_open.wait(0.1):
+        if line.poll():
+            _end_soon()
+            return
+
+
+def _end_on_term(there: socket.socket) -> None:
+    """Have SIGTERM end the line, so that the driver lets go of its device; also while it runs no Python."""
+    woken, wakes = socket.socketpair()
+    wakes.setblocking(False)
+    signal.set_wakeup_fd(wakes.fileno(), warn_on_full_buffer=False)
+    signal.signal(signal.SIGTERM, lambda *_: None)
+
+    def wait() -> None:
+        with wakes:
+            while signal.SIGTERM not in woken.recv(64):
+                pass
+        there.shutdown(socket.SHUT_RD)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
 def main() -> None:
     """Be the process."""
-    # Ctrl-C at the terminal is the session's, which then ends this process.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    line = Connection(socket.create_connection(("127.0.0.1", int(sys.argv[1]))).detach())
-    line.send_bytes(bytes.fromhex(sys.stdin.readline()))
+    # Ctrl-C at the terminal, and its end, are the session's, which then ends this process.
+    for name in ("SIGINT", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    there = socket.create_connection(("127.0.0.1", int(sys.argv[1])))
+    line = Connection(there.dup().detach())
+    shown, wanted = map(bytes.fromhex, sys.stdin.readline().split())
+    there.sendall(shown)
+    if line.recv_bytes(len(wanted)) != wanted:
+        sys.exit("another program listens there")
     orders = line.recv()
-    role = ROLES[orders["role"]]
+    role, is_open = ROLES[orders["role"]], threading.Event()
+    threading.Thread(target=_watch_opening, args=(line, is_open), daemon=True).start()
+    _end_on_term(there)
     try:
         driver = opened(orders, role.NEEDED)
         running = role(line, driver, orders)
         with host.raised():
             line.send((OPENED, running.opened()))
+            is_open.set()
             running.run()
     except DriverFault as fault:
         line.send((FAILED, fault.part, fault.what))
