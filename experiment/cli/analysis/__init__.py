@@ -215,7 +215,6 @@ def power(
     from palpate.analysis.designs import planned_design
     from palpate.analysis.documents import output
     from palpate.experiment.protocol import files
-    from palpate.experiment.study.levels import methods
 
     if rule is not None and looks is None:
         raise PowerError("--rule", f"got {rule} without --looks", "say when to look", allowed="both, or neither")
@@ -223,19 +222,22 @@ def power(
     if out is not None:
         output.check(out, (), "power")
     protocol = files.load(protocol_file)
-    if (rules := methods(protocol)) and (own := planned_design(protocol).thresholds):
+    if any(task.levels for task in protocol.tasks) and (own := planned_design(protocol).thresholds):
+        from palpate.experiment.study.levels import methods
+
         _refuse_unused({"--looks": looks, "--rule": rule, "--alpha": alpha, "--scheduler": scheduler})
         thresholds = import_module(own)
         sessions = thresholds.SESSIONS if studies is None else studies
-        off = _simulated(partial(thresholds.run, protocol, rules, sessions=sessions, seed=seed), quiet=as_json)
+        run = partial(thresholds.run, protocol, methods(protocol), sessions=sessions, seed=seed)
+        off = _simulated(run, quiet=as_json)
         if out is not None:
             thresholds.write(off, out)
         options.put(thresholds.as_dict(off) if as_json else thresholds.text(off))
         return
     _believe(Path(model))
-    with options.working("Preparing the simulated participants", quiet=as_json):
-        from palpate.analysis.power import simulate
+    from palpate.analysis.power import simulate
 
+    with options.working("Preparing the simulated participants", quiet=as_json):
         planned, chosen = simulate.prepare(protocol, model, alpha)
     from palpate.analysis.power import report, sequential
 
