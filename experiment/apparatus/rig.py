@@ -107,6 +107,10 @@ class MeasuredRig(Confined):
         accelerometer_calibrated_on: its calibration.
         calibrated_on: day.
         calibration_days: validity.
+        output: a sample of 1.0, in V or m/s^2.
+        accelerometer_v: `accelerometer.full_scale_v` then.
+        driver_sha256: of the driver's file.
+        accelerometer_driver_sha256: of the accelerometer's.
     """
 
     response: TableName
@@ -123,6 +127,10 @@ class MeasuredRig(Confined):
     accelerometer_calibrated_on: date | None = None
     calibrated_on: date
     calibration_days: Days
+    output: Annotated[float, Field(gt=0)] | None = Field(None, json_schema_extra={"since": 6})
+    accelerometer_v: Annotated[float, Field(gt=0)] | None = Field(None, json_schema_extra={"since": 6})
+    driver_sha256: Digest | None = Field(None, json_schema_extra={"since": 6})
+    accelerometer_driver_sha256: Digest | None = Field(None, json_schema_extra={"since": 6})
 
 
 class ActuatorRig(Confined):
@@ -164,6 +172,11 @@ class ActuatorRig(Confined):
             return self.shaping.full_scale_v
         # The rules refuse a rig with neither.
         return cast("float", self.full_scale_m_s2)
+
+    @property
+    def output(self) -> float | None:
+        """What a sample of 1.0 is to the device, V or m/s^2, where the rig file says so."""
+        return self.shaping.full_scale_v if self.shaping is not None else self.output_v or self.output_m_s2
 
     @property
     def carries_hz(self) -> tuple[float, float] | None:
@@ -548,6 +561,7 @@ class Rig(Confined):
     contactor: ContactorRig | None = Field(None, json_schema_extra={"since": 6})
 
     _folder: Path | None = PrivateAttr(None)
+    _drivers: dict[Path, bytes] = PrivateAttr(default_factory=dict)
 
     @property
     def folder(self) -> Path | None:
@@ -559,6 +573,23 @@ class Rig(Confined):
         module, own, _ = driver.partition(":")
         file = self._folder / f"{module}.py" if own and self._folder is not None else None
         return file if file is not None and file.is_file() else None
+
+    def driver_content(self, file: Path) -> bytes:
+        """Return what a driver's file had when this rig first read it, so that what runs is what is in its hash.
+
+        Raises `RigError` for a file that cannot be read.
+        """
+        if file not in self._drivers:
+            try:
+                self._drivers[file] = storage.read_bytes(file)
+            except OSError as error:
+                raise RigError(file, f"the driver cannot be read ({error.strerror})", "restore it") from error
+        return self._drivers[file]
+
+    def driver_sha256(self, table: ActuatorRig | AccelerometerRig | TrackerRig) -> str | None:
+        """Return the hash of what the driver of a table has, 64 hexadecimal digits; None without a file of its own."""
+        file = self.driver_file(table.driver)
+        return None if file is None else hashlib.sha256(self.driver_content(file)).hexdigest()
 
     @property
     def driver_files(self) -> tuple[Path, ...]:
@@ -590,7 +621,7 @@ def load(path: Path) -> Rig:
         rig = files.read(path, Rig)
     except ProtocolError as error:
         raise RigError.saying(error) from error
-    rig._folder = path.resolve().parent
+    rig._folder, rig._drivers = path.resolve().parent, {}
     return rig
 
 
@@ -614,18 +645,12 @@ def sha256(rig: Rig) -> str:
     unmeasured = dict.fromkeys(("screen", "anchors", "stops", "pedal", "triggers"), True)
     stated = rig.model_dump(mode="json", exclude_none=True, exclude={**where, **unmeasured})
     own = rig.driver_file(rig.tracker.driver) if rig.tracker is not None else None
+    hashes = {file: hashlib.sha256(rig.driver_content(file)).hexdigest() for file in rig.driver_files}
     if own is not None:
-        stated["tracker"]["driver_sha256"] = _driver_sha256(own)
-    if others := [file for file in rig.driver_files if file != own]:
-        stated["drivers_sha256"] = {file.stem: _driver_sha256(file) for file in others}
+        stated["tracker"]["driver_sha256"] = hashes.pop(own)
+    if hashes:
+        stated["drivers_sha256"] = {file.stem: found for file, found in hashes.items()}
     return hashlib.sha256(rfc8785.dumps(stated)).hexdigest()
-
-
-def _driver_sha256(file: Path) -> str:
-    try:
-        return hashlib.sha256(storage.read_bytes(file)).hexdigest()
-    except OSError as error:
-        raise RigError(file, f"the driver cannot be read ({error.strerror})", "restore it") from error
 
 
 def reach_mm(rig: Rig, step: Step) -> tuple[float, float]:

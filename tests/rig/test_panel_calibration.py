@@ -212,7 +212,8 @@ def test_the_command_writes_a_new_rig_file_and_its_table(
     rig = rigs.load(out)
     found = rig.actuator.measured
     assert found is not None
-    assert (rig.format, found.load, found.calibration_days, found.accelerometer_m_s2) == (4, "sand bag", 12, 100.0)
+    assert (rig.format, found.load, found.calibration_days, found.accelerometer_m_s2) == (6, "sand bag", 12, 100.0)
+    assert found.output == rigs.load(RIG).actuator.full_scale
     content = (tmp_path / "new-panel.csv").read_bytes()
     assert hashlib.sha256(content).hexdigest() == found.response_sha256
     assert content.startswith(b"# SIMULATED")
@@ -261,6 +262,13 @@ def test_a_device_that_takes_accelerations_gets_its_full_scale_and_band() -> Non
     assert "NOT MEASURED" not in text
     assert "# a remark" in text
     assert text.startswith("format = 4\n")
+
+
+def test_a_rig_keeps_the_format_that_its_keys_need() -> None:
+    found = {"full_scale_m_s2": 49.7, "low_hz": 12.0, "high_hz": 600.0, "load": "nobody"}
+    for before, more, after in ((6, {}, 6), (2, {"output": 5.0}, 6), (5, {"driver_sha256": "0"}, 6)):
+        text = calibration.rewritten(f"format = {before}\n" + ACCELERATIONS, found | more)
+        assert tomllib.loads(text)["format"] == after
 
 
 def test_a_real_rig_states_when_its_accelerometer_was_calibrated() -> None:

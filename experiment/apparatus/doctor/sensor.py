@@ -29,7 +29,8 @@ def checks(rig: Rig, settings: AccelerometerRig, address: str | None, *, clock: 
     """Yield everything that an accelerometer shows, at an `address` or the rig's; the clock goes by itself."""
     name, where = "accelerometer", address or settings.address
     others = {"actuator": rig.actuator.address, "servo": rig.servo.address if rig.servo is not None else None}
-    if shared := [device for device, its in others.items() if its == where]:
+    # Drivers of one's own may take one address, such as that of a card with inputs and outputs.
+    if ":" not in settings.driver and (shared := [device for device, its in others.items() if its == where]):
         told, correct = f"its address, {where}, is {shared[0]}.address", "correct either in the rig file"
         yield judged(name, False, told, allowed="one of its own", remedy=correct)
         return

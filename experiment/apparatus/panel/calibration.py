@@ -252,6 +252,12 @@ def write(rig_file: Path, out: Path, made: Calibration, *, load: str, today: dat
     )
     table, content = table_beside(out), measured.table(found, remarks)
     dated = {} if settings.calibrated_on is None else {"accelerometer_calibrated_on": settings.calibrated_on}
+    since_6 = {
+        "output": rig.actuator.output,
+        "accelerometer_v": settings.full_scale_v,
+        "driver_sha256": rig.driver_sha256(rig.actuator),
+        "accelerometer_driver_sha256": rig.driver_sha256(settings),
+    }
     values = {
         "response": table.name,
         "response_sha256": hashlib.sha256(content).hexdigest(),
@@ -267,12 +273,17 @@ def write(rig_file: Path, out: Path, made: Calibration, *, load: str, today: dat
         **dated,
         "calibrated_on": today,
         "calibration_days": days,
+        **{key: value for key, value in since_6.items() if value is not None},
     }
     changed = rewritten(text, values)
     opening.copy_rig(rig_file, out)
     storage.write(table, content)
     storage.write(out, changed.encode())
     rigs.load(out)
+
+
+SINCE_6 = {"output", "accelerometer_v", "driver_sha256", "accelerometer_driver_sha256"}
+"""Keys of [actuator.measured] that a rig file of format 6 may have."""
 
 
 def _digits(number: float) -> float:
@@ -288,7 +299,7 @@ def rewritten(rig_text: str, found: dict[str, Any]) -> str:
     actuator = document.get("actuator")
     if not isinstance(actuator, Table):
         raise RigError("actuator", "got no table of its own", "write it as [actuator]", allowed="one")
-    document["format"] = 4
+    document["format"] = max(document.get("format", 1), 6 if SINCE_6 & found.keys() else 4)
     if "shaping" not in actuator:
         for key in ("full_scale_m_s2", "low_hz", "high_hz"):
             actuator[key] = found[key]

@@ -1,7 +1,7 @@
 """Whether what a rig file states of its panel was measured, and still counts: without that a session shakes nobody.
 
 A real rig is refused whose panel nobody measured, or somebody too long ago, and one that states another full scale than
-was measured.
+was measured, or has another driver of its own.
 """
 
 from collections.abc import Iterator
@@ -59,15 +59,33 @@ def unmeasured_panel(rig_file: Path, rig: Rig, today: date) -> Finding | None:
         if stated != then:
             allowed = f"{then:g}, as when its panel was measured"
             return Finding(f"got {stated:g}", rig_file, field=key, got=f"{stated:g}", allowed=allowed, remedy=remedy)
+    for key, found, then_sha256 in _drivers(rig):
+        if found != then_sha256:
+            what = "its driver is not that with which the panel was measured"
+            return Finding(what, rig_file, field=key, allowed="the same file", remedy=remedy)
     return None
 
 
+def _drivers(rig: Rig) -> Iterator[tuple[str, str | None, str | None]]:
+    """Yield the hash of each driver of one's own that plays or hears, by its key, and that of the measurement."""
+    if (measured := rig.actuator.measured) is None:
+        return
+    yield "actuator.driver", rig.driver_sha256(rig.actuator), measured.driver_sha256
+    if rig.accelerometer is not None:
+        yield "accelerometer.driver", rig.driver_sha256(rig.accelerometer), measured.accelerometer_driver_sha256
+
+
 def _scales(rig: Rig) -> Iterator[tuple[str, float, float]]:
-    """Yield each full scale that a measured rig states, m/s^2, by its key, and what it was in the measurement."""
+    """Yield each full scale that a measured rig states, m/s^2 or V, by its key, and what it was in the measurement."""
     actuator, sensor = rig.actuator, rig.accelerometer
     if (measured := actuator.measured) is None:
         return
     if (full_m_s2 := actuator.full_scale_m_s2) is not None:
         yield "actuator.full_scale_m_s2", full_m_s2, measured.full_scale_m_s2
+    if (output := actuator.output) is not None and measured.output is not None:
+        key = "shaping.full_scale_v" if actuator.shaping else "output_v" if actuator.output_v else "output_m_s2"
+        yield f"actuator.{key}", output, measured.output
     if sensor is not None:
         yield "accelerometer.full_scale_m_s2", sensor.full_scale_m_s2, measured.accelerometer_m_s2
+        if sensor.full_scale_v is not None and measured.accelerometer_v is not None:
+            yield "accelerometer.full_scale_v", sensor.full_scale_v, measured.accelerometer_v

@@ -55,8 +55,7 @@ class DriverActuator:
         """Open the device of a rig. Raises `ActuatorError`; `condition` limits every stimulus."""
         self._rig, self._condition, self._clock = rig, condition, clock
         settings = rig.actuator
-        shaped_v = settings.shaping.full_scale_v if settings.shaping is not None else None
-        self._full_scale = cast("float", shaped_v or settings.output_v or settings.output_m_s2)
+        self._full_scale = cast("float", settings.output)
         self.rate_hz = settings.rate_hz
         self._number = self._size = 0
         self._start_ns: int | None = None

@@ -97,6 +97,68 @@ def test_a_sensor_whose_full_scale_was_corrected_since_did_not_measure_this_pane
     assert (found.field, found.got) == ("accelerometer.full_scale_m_s2", "98")
 
 
+def test_another_voltage_of_a_sample_than_was_measured_is_refused(rig_file: Path, rig: Rig) -> None:
+    assert rig.actuator.measured is not None
+    assert rig.actuator.shaping is not None
+    full_scale_v = rig.actuator.shaping.full_scale_v
+    known = changed(rig, measured=rig.actuator.measured.model_copy(update={"output": full_scale_v}))
+    assert unmeasured_panel(rig_file, known, TODAY) is None
+    halved = rig.actuator.shaping.model_copy(update={"full_scale_v": full_scale_v / 2})
+    found, key = refused(rig_file, changed(known, shaping=halved)), "full_scale_v"
+    assert (found.field, found.got) == (f"actuator.shaping.{key}", f"{full_scale_v / 2:g}")
+
+
+@pytest.mark.parametrize("key", ["output_v", "output_m_s2"])
+def test_another_output_of_a_driver_of_ones_own_than_was_measured_is_refused(
+    rig_file: Path, rig: Rig, key: str
+) -> None:
+    assert rig.actuator.measured is not None
+    measured = rig.actuator.measured.model_copy(update={"output": 5.0})
+    own = changed(rig, shaping=None, full_scale_m_s2=50.0, measured=measured, **{key: 5.0})
+    assert unmeasured_panel(rig_file, own, TODAY) is None
+    found = refused(rig_file, changed(own, **{key: 10.0}))
+    assert (found.field, found.got, commanded(found)) == (f"actuator.{key}", "10", (CALIBRATE, True))
+
+
+def test_another_voltage_of_the_sensor_than_was_measured_is_refused(rig_file: Path, rig: Rig) -> None:
+    sensor = rigs.load(shipped("rigs/rehearsal.toml")).accelerometer
+    assert sensor is not None
+    assert rig.actuator.measured is not None
+    measured = rig.actuator.measured.model_copy(update={"accelerometer_v": 10.0})
+    heard = changed(rig, measured=measured)
+    same, other = (sensor.model_copy(update={"full_scale_v": volts}) for volts in (10.0, 5.0))
+    assert unmeasured_panel(rig_file, heard.model_copy(update={"accelerometer": same}), TODAY) is None
+    found, key = refused(rig_file, heard.model_copy(update={"accelerometer": other})), "full_scale_v"
+    assert (found.field, found.got) == (f"accelerometer.{key}", "5")
+
+
+def test_another_driver_than_that_with_which_the_panel_was_measured_is_refused(rig_file: Path) -> None:
+    file = rig_file.with_name("converter.py")
+    file.write_bytes(b"class Converter: ...\n")
+
+    def of(content: bytes) -> Rig:
+        rig = rigs.load(rig_file)
+        assert rig.actuator.measured is not None
+        measured = {"driver_sha256": sha256(content).hexdigest()}
+        return changed(rig, driver="converter:Converter", measured=rig.actuator.measured.model_copy(update=measured))
+
+    assert unmeasured_panel(rig_file, of(b"class Converter: ...\n"), TODAY) is None
+    found = refused(rig_file, of(b"class Converter: pass\n"))
+    assert (found.field, commanded(found)) == ("actuator.driver", (CALIBRATE, True))
+
+
+def test_what_runs_is_what_was_hashed_though_the_file_of_a_driver_changes(rig_file: Path) -> None:
+    file = rig_file.with_name("converter.py")
+    file.write_bytes(b"first\n")
+    rig = changed(rigs.load(rig_file), driver="converter:Converter")
+    hashed = rigs.sha256(rig)
+    file.write_bytes(b"second\n")
+    assert (rig.driver_content(file), rigs.sha256(rig)) == (b"first\n", hashed)
+    later = changed(rigs.load(rig_file), driver="converter:Converter")
+    assert later.driver_content(file) == b"second\n"
+    assert rigs.sha256(later) != hashed
+
+
 @pytest.mark.parametrize(("stays", "days"), [(None, 90), (True, 90), (False, 30)])
 def test_a_panel_that_no_sensor_hears_before_a_session_is_measured_every_30_days(
     rig_file: Path, rig: Rig, stays: bool | None, days: int
