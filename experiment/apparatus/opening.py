@@ -119,7 +119,7 @@ def copy_rig(rig_file: Path, copy: Path) -> None:
         if measured is not None:
             beside[measured.response] = "table", response_table(rig_file.parent, measured)
     for driver in rig.driver_files:
-        beside[driver.name] = "driver", rig.driver_content(driver)
+        beside[driver.name] = "driver", storage.read_bytes(driver)
     for name, (what, content) in beside.items():
         file = copy.with_name(name)
         if file.exists() and storage.read_bytes(file) != content:

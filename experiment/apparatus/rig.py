@@ -561,7 +561,6 @@ class Rig(Confined):
     contactor: ContactorRig | None = Field(None, json_schema_extra={"since": 6})
 
     _folder: Path | None = PrivateAttr(None)
-    _drivers: dict[Path, bytes] = PrivateAttr(default_factory=dict)
 
     @property
     def folder(self) -> Path | None:
@@ -574,22 +573,10 @@ class Rig(Confined):
         file = self._folder / f"{module}.py" if own and self._folder is not None else None
         return file if file is not None and file.is_file() else None
 
-    def driver_content(self, file: Path) -> bytes:
-        """Return what a driver's file had when this rig first read it, so that what runs is what is in its hash.
-
-        Raises `RigError` for a file that cannot be read.
-        """
-        if file not in self._drivers:
-            try:
-                self._drivers[file] = storage.read_bytes(file)
-            except OSError as error:
-                raise RigError(file, f"the driver cannot be read ({error.strerror})", "restore it") from error
-        return self._drivers[file]
-
-    def driver_sha256(self, table: ActuatorRig | AccelerometerRig | TrackerRig) -> str | None:
+    def driver_sha256(self, table: ActuatorRig | AccelerometerRig) -> str | None:
         """Return the hash of what the driver of a table has, 64 hexadecimal digits; None without a file of its own."""
         file = self.driver_file(table.driver)
-        return None if file is None else hashlib.sha256(self.driver_content(file)).hexdigest()
+        return None if file is None else _driver_sha256(file)
 
     @property
     def driver_files(self) -> tuple[Path, ...]:
@@ -621,7 +608,7 @@ def load(path: Path) -> Rig:
         rig = files.read(path, Rig)
     except ProtocolError as error:
         raise RigError.saying(error) from error
-    rig._folder, rig._drivers = path.resolve().parent, {}
+    rig._folder = path.resolve().parent
     return rig
 
 
@@ -645,12 +632,18 @@ def sha256(rig: Rig) -> str:
     unmeasured = dict.fromkeys(("screen", "anchors", "stops", "pedal", "triggers"), True)
     stated = rig.model_dump(mode="json", exclude_none=True, exclude={**where, **unmeasured})
     own = rig.driver_file(rig.tracker.driver) if rig.tracker is not None else None
-    hashes = {file: hashlib.sha256(rig.driver_content(file)).hexdigest() for file in rig.driver_files}
     if own is not None:
-        stated["tracker"]["driver_sha256"] = hashes.pop(own)
-    if hashes:
-        stated["drivers_sha256"] = {file.stem: found for file, found in hashes.items()}
+        stated["tracker"]["driver_sha256"] = _driver_sha256(own)
+    if others := [file for file in rig.driver_files if file != own]:
+        stated["drivers_sha256"] = {file.stem: _driver_sha256(file) for file in others}
     return hashlib.sha256(rfc8785.dumps(stated)).hexdigest()
+
+
+def _driver_sha256(file: Path) -> str:
+    try:
+        return hashlib.sha256(storage.read_bytes(file)).hexdigest()
+    except OSError as error:
+        raise RigError(file, f"the driver cannot be read ({error.strerror})", "restore it") from error
 
 
 def reach_mm(rig: Rig, step: Step) -> tuple[float, float]:

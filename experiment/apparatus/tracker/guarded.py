@@ -16,7 +16,7 @@ from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.settings import FRAMES
-from palpate.experiment.apparatus.wires.own.loading import error_words, module_in
+from palpate.experiment.apparatus.wires.own.loading import driver_module, error_words
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import PalpateError, RigError, TrackerError
 
@@ -133,7 +133,7 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
     module, _, name = tracker_of(rig).driver.partition(":")
     file = rig.driver_file(tracker_of(rig).driver)
     try:
-        found = importlib.import_module(module) if file is None else module_in(rig.driver_content(file), file)
+        found = importlib.import_module(module) if file is None else driver_module(file)
         driver: Callable[..., Tracker] = getattr(found, name)
     except (Exception, SystemExit) as error:  # a module may raise anything while it is imported, and end nothing
         raise _not_a_driver(rig, error) from error

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.ports import Actuator
-from palpate.experiment.apparatus.wires.own.loading import module_in
+from palpate.experiment.apparatus.wires.own.loading import driver_module
 from palpate.experiment.apparatus.wires.settings import LSL, TTL, TriggerRig
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import PalpateError, RigError
@@ -82,7 +82,7 @@ def open_line(rig: Rig, number: int) -> TriggerLine:
     module, _, name = named.partition(":")
     try:
         file = rig.driver_file(settings.driver)
-        found = module_in(rig.driver_content(file), file) if file else importlib.import_module(module)
+        found = driver_module(file) if file is not None else importlib.import_module(module)
         return cast("TriggerLine", getattr(found, name)(settings))
     except (Exception, SystemExit) as error:  # a driver may raise anything
         remedy = EXTRA if isinstance(error, ImportError) and error.name == "pylsl" else "plug it in, or correct the rig"

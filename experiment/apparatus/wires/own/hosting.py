@@ -57,7 +57,7 @@ class DriverProcess:
             "module": module,
             "name": name,
             "file": None if file is None else str(file),
-            "content": None if file is None else rig.driver_content(file),
+            "content": None if file is None else storage.read_bytes(file),
             "settings": settings.model_dump_json(),
             "rate_hz": getattr(settings, "rate_hz", None),
             "full_scale_n": getattr(settings, "full_scale_n", None),

@@ -6,9 +6,16 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+from palpate.experiment import storage
+
+
+def driver_module(file: Path) -> ModuleType:
+    """Return the module in a file, executed once for each content: from the bytes read here, never from a cache."""
+    return module_in(storage.read_bytes(file), file)
+
 
 def module_in(content: bytes, file: Path) -> ModuleType:
-    """Return the module that the bytes of a file are, executed once for each content, and never from a cache."""
+    """Return the module that bytes of a file are, executed once."""
     name = f"{__name__}.{file.stem}_{hashlib.sha256(content).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]

@@ -147,18 +147,6 @@ def test_another_driver_than_that_with_which_the_panel_was_measured_is_refused(r
     assert (found.field, commanded(found)) == ("actuator.driver", (CALIBRATE, True))
 
 
-def test_what_runs_is_what_was_hashed_though_the_file_of_a_driver_changes(rig_file: Path) -> None:
-    file = rig_file.with_name("converter.py")
-    file.write_bytes(b"first\n")
-    rig = changed(rigs.load(rig_file), driver="converter:Converter")
-    hashed = rigs.sha256(rig)
-    file.write_bytes(b"second\n")
-    assert (rig.driver_content(file), rigs.sha256(rig)) == (b"first\n", hashed)
-    later = changed(rigs.load(rig_file), driver="converter:Converter")
-    assert later.driver_content(file) == b"second\n"
-    assert rigs.sha256(later) != hashed
-
-
 @pytest.mark.parametrize(("stays", "days"), [(None, 90), (True, 90), (False, 30)])
 def test_a_panel_that_no_sensor_hears_before_a_session_is_measured_every_30_days(
     rig_file: Path, rig: Rig, stays: bool | None, days: int
