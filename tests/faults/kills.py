@@ -42,6 +42,9 @@ SOUND = 1
 """The number of the laboratory that plays the masker through a sound server, where the machine has one."""
 
 
+MOST_FRUITLESS = 5
+"""So many lives in a row that go wrong before their attack is made end a study: the next would do no better."""
+
 MOST_CALLS = 80
 """A life that dies at a write call does so at one of the first so many: those of some trials."""
 
@@ -373,7 +376,8 @@ class Study:
     def run(self, todo: list[str]) -> None:
         """Make each attack of the list once, in this order as far as sessions allow, and bring the last to its end."""
         turns: dict[str, int] = defaultdict(int)
-        while todo or self._session is not None:
+        fruitless = 0
+        while (todo or self._session is not None) and fruitless < MOST_FRUITLESS:
             session = self._session or next(self._sessions)
             self._session = session
             virtual = session.task == "virtual"
@@ -385,6 +389,7 @@ class Study:
             if row is not None and acted:
                 turns[row] += 1
                 todo.remove(row)
+            fruitless = 0 if acted or not wrong else fruitless + 1
             name = row if acted and row is not None else UNHURT
             if run.code == 0 and "The session is complete" in run.life.text:
                 wrong += session.table()

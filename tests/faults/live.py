@@ -62,7 +62,7 @@ SCREEN = re.compile(
     r"|(?P<level>\[Enter\] keep the level: )"
     r"|(?P<lay>\[Enter\] it is laid out: )"
     r"|(?P<armed>Armed: the participant may step\.|may lift the foot and step\.)"
-    r"|trial (?P<asked>\d+)  What did the participant say\?\n[^\n]*WHAT WAS DONE: "
+    r"|Trial (?P<asked>\d+)\.  What did the participant say\?\n[^\n]*WHAT WAS DONE: "
     r"|type (?P<confirm>\S) again to confirm, anything else to ask again: "
     r"|Trial (?P<trial>\d+): the answer is on disk: (?P<answer>[^\n]*)\.\n"
     r"|(?P<write>Type one line, or nothing; press Enter: )"

@@ -32,7 +32,7 @@ from tests.conftest import Palpate
 from tests.rig.laboratory import Laboratory
 from tests.rig.test_run import counted_steps, keys, laboratory
 
-pytestmark = pytest.mark.clocked
+pytestmark = pytest.mark.alone
 
 __all__ = ["laboratory"]
 

@@ -112,6 +112,8 @@ def force_is_on_record(root: Path, copy: Path) -> None:
     rows = [round((ns - contents.lines[0].t_ns) / 1e9 * 2500 - sidecar["StartTime"] * 2500) for ns in taps]
     assert len(rows) > 40
     assert np.abs(trace.hand_height.to_numpy()[rows]).max() < 0.1
+    description = root / "dataset_description.json"
+    description.write_text(json.dumps({**json.loads(description.read_text("utf-8")), "License": "CC0-1.0"}), "utf-8")
     assert sharing.share(root, copy).participants == 1
     (shared,) = copy.glob("sub-*/beh/*_recording-force_physio.tsv.gz")
     assert shared.read_bytes() == table.read_bytes()
