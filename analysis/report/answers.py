@@ -55,8 +55,8 @@ TWO_WAY_ERRS = (
 )
 ONE_WAY_ERRS = "This ANOVA treats four ratios of each participant as independent, so its P is not exact."
 BY_FLIPS = (
-    "The answers above use exact sign-flip tests. In SIMULATED studies these reject a true null in 4 to 6 % (5 % "
-    "wanted); the published t-test does so in 4 to 9 %. {} as published are given below."
+    "These are exact sign-flip tests: they reject a true null in 4 to 6 % of SIMULATED studies (5 % wanted), the "
+    "published t-test in 4 to 9 %. {} as published are below."
 )
 OVER = {
     "any population": "Somebody answers more like one who guesses than like the others. The interval of {} allows for "
