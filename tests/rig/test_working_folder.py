@@ -79,4 +79,5 @@ def test_a_rig_for_tapping_is_checked_with_its_force_device(folder: WorkingFolde
 
 def test_numerics_loads_all_that_it_needs(folder: WorkingFolder) -> None:
     done = folder.run("python", "-P", "-c", NUMERICS, "numerics", "--quick")
-    assert (done.returncode, done.stderr, folder.imported) == (2, "numerics ...\npalpate: measured nothing\n", [])
+    last = done.stderr.splitlines()[-1]
+    assert (done.returncode, last, folder.imported) == (2, "palpate: measured nothing", [])
