@@ -92,6 +92,11 @@ def pressed_until(fails: Fails, record: Path, path: Trajectory) -> tuple[int, li
     return at_ns, [] if said == pressing.HELD_UP else pushed(record)
 
 
+def felt(pushes: list[Push]) -> bool:
+    """Return whether anything was pushed: a machine that stalls as the hand comes in takes the force of that touch."""
+    return any(push.out_n > 0 for push in pushes)
+
+
 def last_push(pushes: list[Push]) -> int:
     """Return the number of the last push with a force."""
     last = max(i for i, push in enumerate(pushes) if push.out_n > 0)
@@ -180,7 +185,7 @@ def test_force_is_zero_within_2_ms_of(fails: Fails, by: set[int], tmp_path: Path
     for n in range(MOST_TRIES):
         at_ns, pushes = pressed_until(fails, tmp_path / f"{n}.bin", press())
         assert max((push.out_n for push in pushes), default=0.0) <= 3.0
-        if not any(push.out_n > 0 for push in pushes):
+        if not felt(pushes):
             continue
         last, pressed = last_push(pushes), pressed + 1
         recent = [push.at_ns for push in pushes if 0 <= at_ns - push.at_ns < RECENT_NS]
@@ -205,7 +210,7 @@ def test_force_is_zero_within_600_ms_of_a_session_that_stands_still(tmp_path: Pa
     late_ms = []
     for n in range(MOST_TRIES):
         at_ns, pushes = pressed_until(stop_session, tmp_path / f"{n}.bin", press(0.05, 2.0))
-        if not pushes:
+        if not felt(pushes):
             continue
         late_ms.append((pushes[last_push(pushes) + 1].at_ns - at_ns) / 1e6)
         assert late_ms[-1] <= 600, late_ms
@@ -265,25 +270,29 @@ def test_a_tracker_that_stands_still_ends_the_force_at_once_and_the_servo_in_its
             assert 200 <= one.waited_ms() < 1000
             ended_ms = (time.monotonic_ns() - at_ns) / 1e6
         pushes = pushed(record)
+        assert ended_ms < 1000
+        if not felt(pushes):
+            continue
         late_ms.append((pushes[last_push(pushes) + 1].at_ns - at_ns) / 1e6)
         assert late_ms[-1] < 200
-        assert ended_ms < 1000
         if 0 < late_ms[-1] <= STOPS_MS:
             return
     pytest.fail(f"no force fell within {STOPS_MS:g} ms, but after {late_ms}")
 
 
 def test_a_force_device_that_stands_still_ends_the_servo_and_pushes_nothing_when_it_goes_on(tmp_path: Path) -> None:
-    record = tmp_path / "pushed.bin"
-    with pressed(record, answer_ms=100.0) as one:
-        at_ns = time.monotonic_ns()
-        os.kill(one.device, signal.SIGSTOP)
-        assert 100 <= one.waited_ms() < 1000
-        ended_ms = (time.monotonic_ns() - at_ns) / 1e6
-        assert ended_ms < 1000
-        on_ns = time.monotonic_ns()
-        os.kill(one.device, signal.SIGCONT)
-    pushes = pushed(record)
-    last = last_push(pushes)
+    for n in range(MOST_TRIES):
+        record = tmp_path / f"{n}.bin"
+        with pressed(record, answer_ms=100.0) as one:
+            at_ns = time.monotonic_ns()
+            os.kill(one.device, signal.SIGSTOP)
+            assert 100 <= one.waited_ms() < 1000
+            ended_ms = (time.monotonic_ns() - at_ns) / 1e6
+            assert ended_ms < 1000
+            on_ns = time.monotonic_ns()
+            os.kill(one.device, signal.SIGCONT)
+        pushes = pushed(record)
+        if felt(pushes):
+            break
     # What was under way to it is let go of as soon as it is read.
-    assert (pushes[last + 1].at_ns - on_ns) / 1e6 < 50
+    assert (pushes[last_push(pushes) + 1].at_ns - on_ns) / 1e6 < 50
