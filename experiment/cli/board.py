@@ -174,7 +174,8 @@ def incident(
 
     A session under the wrong label is a deviation: with --participant (its label) and --took-part (its task, and the
     label of whoever took part). The session keeps its label and order; the analysis counts it for the
-    person who really took part, and says so.
+    person who really took part, and says so. Who then lacks that task gives up their own label (`palpate withdraw`) and
+    gets a new one (`palpate enrol`), to which --took-part moves sessions of their own.
     """
     from palpate.experiment import storage
     from palpate.experiment.dataset import build, checks
@@ -204,7 +205,8 @@ def incident(
         )
         typer.echo(made.sentence)
         if participant is not None:
-            _note_incident(root, protocol_file, participant, f"{made.kind.capitalize()} {made.number} of the roster.")
+            whose = (took_part.person, took_part.task) if took_part else (participant, None)
+            _note_incident(root, protocol_file, *whose, f"{made.kind.capitalize()} {made.number} of the roster.")
     else:
         what = "give --adverse or --deviation with --done, or --number with --informed-on, or none of them"
         raise RosterError(what)
@@ -231,8 +233,8 @@ def _took_part(root: Path, given: tuple[str | None, str | None, str | None], *, 
     return made
 
 
-def _note_incident(root: Path, protocol_file: Path, participant: str, text: str) -> None:
-    """Put a note into the journal of somebody's latest session."""
+def _note_incident(root: Path, protocol_file: Path, participant: str, task: str | None, text: str) -> None:
+    """Put a note into the journal of somebody's session of a task, or of their latest."""
     from palpate.experiment import storage
     from palpate.experiment.clock import MonotonicClock
     from palpate.experiment.desk.messages import TakeNote
@@ -244,13 +246,14 @@ def _note_incident(root: Path, protocol_file: Path, participant: str, text: str)
     allocated = schedule.allocated(files.load(protocol_file), enrolment.seed_of(root), takes)
     tasks = schedule.find_allocation(allocated, participant).tasks
     try:
-        session = remarks.paused(root, participant, tasks[:-1], tasks[-1], MonotonicClock())
+        session = remarks.paused(root, participant, tasks[:-1], task or tasks[-1], MonotonicClock())
         told = session.remark(TakeNote(text=text)) if session is not None else (False, "")
     except PalpateError as error:
         # The incident is on record: an error here would have it recorded again.
         told = (False, "")
         options.say(error.sentence())
-    typer.echo("The journal of their latest session notes it." if told[0] else "No session of theirs can take a note.")
+    which = "that session" if task else "their latest session"
+    typer.echo(f"The journal of {which} notes it." if told[0] else "No session of theirs can take a note.")
 
 
 def _tell_anchor(root: Path) -> None:

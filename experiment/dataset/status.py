@@ -278,7 +278,7 @@ def status(given: Path, today: date) -> Status:
     people: list[Person] = []
     for participant in dataset.tasks if known is None else known.consent_on:
         order = dataset.tasks.get(participant, ())
-        own = [storage.journal_path(root, participant, task) for task in order]
+        own = [*dataset.people.journals_of(root, participant, order).values()]
         begun = tuple(progress(journal.read(path).entries) for path in own if path in sound)
         state: State = "to begin"
         if known is not None and participant in known.withdrawn:

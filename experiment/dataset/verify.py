@@ -229,12 +229,12 @@ def _without_approval(held: Dataset, known: Approvals) -> Iterator[Finding]:
             yield Finding(text, where, verdict="warns")
         version = [other for other in known.approved if known.version(other.number) == known.version(one.number)]
         for day in _resumed_on(path):
-            text = f"went on on {day}, and no approval of its version was valid then"
+            text = f"was continued on {day}, and no approval of its version was valid then"
             if not any(other.approved_on <= day + A_DAY and day - A_DAY <= other.expires_on for other in version):
                 yield Finding(text, where, verdict="warns")
             halt = known.stop(day)
             if halt is not None and all(map(known.stop, (day - A_DAY, day + A_DAY))):
-                text = f"went on on {day}, and the study was {halt.kind} from {halt.from_on} on"
+                text = f"was continued on {day}, and the study was {halt.kind} from {halt.from_on} on"
                 yield Finding(text, where, verdict="warns")
 
 

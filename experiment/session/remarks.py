@@ -31,7 +31,8 @@ from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.exposure import SLOW_S, Exposed
 from palpate.experiment.session.kind import Kind, Lent
 from palpate.experiment.settings import characters
-from palpate.experiment.storage import journal_path, protocol_path
+from palpate.experiment.storage import protocol_path
+from palpate.experiment.study.admission import own_journals
 
 if TYPE_CHECKING:
     from palpate.experiment.desk.voice.ear import Ear
@@ -261,9 +262,8 @@ class Paused:
 
 
 def paused(dataset: Path, participant: str, tasks: Sequence[str], task_id: str, clock: Clock) -> Paused | None:
-    """Return a participant's session of a task, or of the last of these tasks in order that has begun; None without."""
-    for task in (task_id, *reversed(tasks)):
-        path = journal_path(dataset, participant, task)
+    """Return a person's session of a task, or of the last of these tasks in order that has begun; None without."""
+    for path in own_journals(dataset, participant, (task_id, *reversed(tasks))).values():
         contents = journal.read_if_begun(path)
         if contents.lines:
             return Paused(dataset, path, contents, clock)

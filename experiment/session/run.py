@@ -406,8 +406,10 @@ def _check_others(root: Path, participant: str, failed: PalpateError) -> None:
 
 
 def _is_complete(root: Path, participant: str, task_id: str) -> bool:
-    entries = journal.read_if_begun(storage.journal_path(root, participant, task_id)).entries
-    return bool(entries) and progress(entries).complete
+    own = own_journals(root, participant, (task_id,)).values()
+    return any(
+        entries and progress(entries).complete for entries in (journal.read_if_begun(path).entries for path in own)
+    )
 
 
 def _is_over(root: Path, protocol_file: Path, allocation: Allocation, task_id: str, today: date) -> bool:

@@ -25,10 +25,8 @@ class Admission:
 
 
 def own_journals(root: Path, participant: str, tasks: Iterable[str]) -> dict[str, Path]:
-    """Return the journal of a person's session of each task, whatever its label; none where theirs has another's."""
-    known = Roster.load(storage.roster_path(root))
-    labels = {task: known.label_of(participant, task) for task in tasks}
-    return {task: storage.journal_path(root, label, task) for task, label in labels.items() if label is not None}
+    """Return the journals of a person's sessions, as `Roster.journals_of`."""
+    return Roster.load(storage.roster_path(root)).journals_of(root, participant, tasks)
 
 
 def check_label(roster: Roster, who: str, task: str) -> None:
@@ -36,13 +34,21 @@ def check_label(roster: Roster, who: str, task: str) -> None:
     if (label := roster.label_of(who, task)) != who:
         person = roster.took_part.get((who, task), who)
         whose = f"that of participant {person} is under the label" if label is None else f"theirs is under {label}, not"
-        what = f"no session of task '{task}' goes on for participant {who}: {whose} {who}, as the roster says"
-        raise RosterError(what, remedy="leave it as it is, begun or complete, and name another task")
+        what = f"participant {who} has no session of task '{task}' to run: {whose} {who}, as the roster says"
+        remedy: Remedy | str = "leave it as it is, begun or complete, and name another task"
+        if label is None:
+            reason = "another took part under this label"
+            words = (
+                "have them do it under a new label: {}, then run palpate enrol; palpate incident with --took-part "
+                "moves sessions of their own to it"
+            )
+            remedy = Remedy(words, ("palpate", "withdraw", "PROTOCOL", "-p", who, "--reason", reason), suffices=False)
+        raise RosterError(what, remedy=remedy)
 
 
 def sessions_begun(root: Path, allocation: Allocation, known: Approvals) -> dict[str, int]:
-    """Return the number of the approval of each task whose session has begun."""
-    paths = {task: storage.journal_path(root, allocation.participant, task) for task in allocation.tasks}
+    """Return the number of the approval of each task of which a person's session has begun."""
+    paths = own_journals(root, allocation.participant, allocation.tasks)
     read = {task: journal.read_if_begun(path) for task, path in paths.items()}
     return {task: known.number_of(one.header.seal_sha256) for task, one in read.items() if one.lines}
 

@@ -126,13 +126,13 @@ def to_reconsent(root: Path, known: Approvals, roster: Roster, today: date) -> t
     return tuple(
         who
         for who, number in roster.consented.items()
-        if who not in roster.withdrawn and number < _needed_number(root, known, plan[who].tasks, who, today)
+        if who not in roster.withdrawn and number < _needed_number(root, known, roster, plan[who].tasks, who, today)
     )
 
 
-def _needed_number(root: Path, known: Approvals, tasks: tuple[str, ...], who: str, today: date) -> int:
+def _needed_number(root: Path, known: Approvals, roster: Roster, tasks: tuple[str, ...], who: str, today: date) -> int:
     """Return the lowest number of an approval to which a participant must have consented; 0 where nothing is left."""
-    read = [journal.read_if_begun(storage.journal_path(root, who, task)) for task in tasks]
+    read = [journal.read_if_begun(path) for path in roster.journals_of(root, who, tasks).values()]
     begun = [known.number_of(one.header.seal_sha256) for one in read if one.lines]
     if len(begun) == len(tasks) and all(progress(one.entries).complete for one in read):
         return 0

@@ -36,7 +36,7 @@ def free_place(root: Path, protocol: Protocol, roster: Roster) -> str | None:
     """Return who withdrew first, by label, before completing, with a place that nobody took; None if nobody did."""
     for one in allocated(protocol, 0, roster.takes):
         if one.participant in roster.withdrawn and one.participant not in roster.takes.values():
-            paths = (storage.journal_path(root, one.participant, task) for task in one.tasks)
+            paths = roster.journals_of(root, one.participant, one.tasks).values()
             begun = [entries for path in paths if (entries := journal.read_if_begun(path).entries)]
             if sum(progress(entries).complete for entries in begun) < len(one.tasks):
                 return one.participant
@@ -258,13 +258,15 @@ def check_reason(protocol_file: Path, root: Path, reason: str) -> None:
 
 
 def study_begun(protocol_file: Path, root: Path | None) -> Path:
-    """Return where the dataset of a study stands; `root` as for `enrol`. Raises `RosterError` if it was not begun."""
+    """Return the folder of a study's dataset; `root` as for `enrol`. Raises `RosterError` if it was not begun."""
     root = root or default_root(files.load(protocol_file))
     refuse_rehearsal(root)
     roster = storage.roster_path(root)
     begun = (storage.protocol_path(root), storage.seed_path(root), roster, chain.head_path(roster))
     if not any(path.exists() for path in begun):
-        raise RosterError(f"no dataset of this study stands at {root}", remedy="give --dataset")
+        raise RosterError(
+            f"{root} has no dataset of this study", remedy="name its folder with --dataset, or enrol somebody"
+        )
     return root
 
 

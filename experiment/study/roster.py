@@ -7,7 +7,7 @@ somebody who withdrew before completing, with the same tasks in the same order.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import date
@@ -327,6 +327,11 @@ class Roster:
         """Return the label that a participant's session of a task has, None where their own has another's."""
         own = (one for (one, of), person in self.took_part.items() if (of, person) == (task, participant))
         return next(own, None if (participant, task) in self.took_part else participant)
+
+    def journals_of(self, dataset: Path, participant: str, tasks: Iterable[str]) -> dict[str, Path]:
+        """Return the journal of a person's session of each task, whatever its label, as far as `label_of` has one."""
+        labels = {task: self.label_of(participant, task) for task in tasks}
+        return {task: storage.journal_path(dataset, label, task) for task, label in labels.items() if label is not None}
 
     def approvals(self, first: Approved) -> Approvals:
         """Return all approvals as these lines have them, with the `first`, which has no line."""

@@ -64,7 +64,7 @@ def _check_apart(roster: Roster, participant: str) -> None:
     mixed = set[str]().union(*(pair for pair in pairs if participant in pair)) - {participant, *roster.withdrawn}
     if mixed:
         names = ", ".join(sorted(mixed))
-        what = f"sessions of participants {participant} and {names} stand under each other's labels"
+        what = f"sessions of participants {participant} and {names} are under each other's labels"
         remedy = f"withdraw without --erase, and the analysis leaves {participant} out; erase once {names} withdrew too"
         raise RosterError(what, remedy=remedy)
 

@@ -15,12 +15,16 @@ import pytest
 from palpate.analysis.analyse import analyse
 from palpate.experiment.dataset import build, traces
 from palpate.experiment.dataset.outside import sharing
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal import study as rehearsal
 from palpate.experiment.study import enrolment
 from palpate.experiment.study.people import facts
 from tests.analysis.datasets import balanced, trial, write_dataset
 from tests.experiment.dataset.studies import make_study
 from tests.experiment.protocol.asking import FORMS, PEOPLE, SHARING, asking
 from tests.experiment.session.bench import HEADER
+from tests.releases import RIGS
+from tests.releases.__main__ import protocol as small
 
 UNFILLED = {"JSON_KEY_RECOMMENDED", "SIDECAR_KEY_RECOMMENDED", "TOO_FEW_AUTHORS"}
 """Warnings about recommended keys: ontology terms and institutions, which a reconstruction or a rehearsal lacks."""
@@ -103,22 +107,43 @@ OF_SESSIONS = {
 """What it writes into an `events.json` at the top."""
 
 
+def _fill(root: Path) -> None:
+    path = root / "dataset_description.json"
+    path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), **FILLED}), "utf-8")
+    (root / "events.json").write_text(json.dumps(OF_SESSIONS), "utf-8")
+
+
+def _check_with_its_copy(validator: str, root: Path, folder: Path) -> None:
+    """Neither a dataset nor its shared copy leaves a warning, and both have the same results."""
+    _fill(root)
+    out = sharing.share(root, folder / "copy").root
+    assert [_issues(validator, one) for one in (root, out)] == [[], []]
+    places = ((root, folder / "one"), (out, folder / "other"))
+    numbers = [analyse([one], place, figures=False).numbers for one, place in places]
+    assert _numbers(numbers[1]) == pytest.approx(_numbers(numbers[0]), rel=1e-9, nan_ok=True)
+
+
 def test_a_study_and_its_shared_copy_leave_no_warning_once_a_laboratory_filled_its_keys(
     validator: str, tmp_path: Path
 ) -> None:
     study = make_study(tmp_path / "study", further=asking(SHARING + 'questionnaires = ["before"]\n', PEOPLE, FORMS))
     facts.record(study.file, "01", {"age": "34", "sex": "female", "sport": "swimming"}, root=study.root)
     build.build(study.root)
-    path = study.root / "dataset_description.json"
-    path.write_text(json.dumps({**json.loads(path.read_text("utf-8")), **FILLED}), "utf-8")
-    (study.root / "events.json").write_text(json.dumps(OF_SESSIONS), "utf-8")
     for participant in ("01", "02"):
         enrolment.sharing(study.file, participant, True, root=study.root)
-    out = sharing.share(study.root, tmp_path / "copy").root
-    assert [_issues(validator, root) for root in (study.root, out)] == [[], []]
-    places = ((study.root, tmp_path / "one"), (out, tmp_path / "other"))
-    numbers = [analyse([root], place, figures=False).numbers for root, place in places]
-    assert _numbers(numbers[1]) == pytest.approx(_numbers(numbers[0]), rel=1e-9, nan_ok=True)
+    _check_with_its_copy(validator, study.root, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["okamoto2012", "wellman1995"])
+def test_rehearsals_of_both_papers_studies_leave_none_either(validator: str, tmp_path: Path, name: str) -> None:
+    root = rehearsal.rehearse(
+        protocol_file=small(name, tmp_path),
+        rig_file=shipped(RIGS[name]),
+        out=tmp_path / "dataset",
+        participants=2,
+        seed=1,
+    )
+    _check_with_its_copy(validator, root, tmp_path)
 
 
 def _numbers(value: object) -> list[float]:

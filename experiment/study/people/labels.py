@@ -18,7 +18,7 @@ def check_took_part(roster: Roster, root: Path, told: TookPart) -> None:
     for who in (told.participant, told.person):
         roster.check_enrolled(who)
         if who in roster.erased:
-            raise RosterError(f"the data of participant {who} are erased", remedy="nothing is left to mend")
+            raise RosterError(f"the data of participant {who} are erased", remedy="nothing is left to correct")
     for who in (told.participant, told.person) if told.exchanged else (told.participant,):
         if not storage.journal_path(root, who, told.task).exists():
             what = f"got no session of task {told.task} under the label {who}"

@@ -11,19 +11,20 @@ import palpate as library
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.dataset import build, verify
+from palpate.experiment.dataset import build, status, verify
+from palpate.experiment.desk.messages import TakeNote
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Withdrawal
-from palpate.experiment.session import exposure, run
+from palpate.experiment.records.entries import Note, Withdrawal
+from palpate.experiment.session import exposure, remarks, run
 from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import open_laboratory
 from palpate.experiment.session.run import RealEnds
-from palpate.experiment.study import withdrawal
+from palpate.experiment.study import admission, approvals, enrolment, withdrawal
 from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
-from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 from tests.faults.wrong import copied
 
@@ -41,8 +42,8 @@ def study(made: MadeStudy, tmp_path: Path) -> MadeStudy:
     return copied(made, tmp_path / "study")
 
 
-def tell(palpate: Palpate, study: MadeStudy, label: str, person: str, *more: str) -> int:
-    task = study.tasks[0].tasks[0]
+def tell(palpate: Palpate, study: MadeStudy, label: str, person: str, *more: str, position: int = 0) -> int:
+    task = study.tasks[0].tasks[position]
     given = (*SAID, "-p", label, "--took-part", f"{task}={person}", *more, "--dataset", study.root)
     return palpate("incident", study.file, *given)[0]
 
@@ -229,3 +230,50 @@ def test_who_did_a_task_under_another_label_does_it_no_second_time(
     with pytest.raises(RosterError) as refused:
         run.prepare(study.file, rig_file, "02", first, study.root, None, console)
     assert "01" in refused.value.sentence()
+
+
+def test_progress_notes_and_approvals_are_of_the_person(study: MadeStudy, palpate: Palpate) -> None:
+    first = study.tasks[0].tasks[0]
+    assert tell(palpate, study, "01", "02") == 0
+    shown = status.status(study.root, DAY)
+    assert {one.participant: (one.state, one.position) for one in shown.people} == {
+        "01": ("to begin", 1),
+        "02": ("under way", 2),
+    }
+    roster = Roster.load(storage.roster_path(study.root))
+    known = roster.approvals(approvals.read_first(study.root, study.file))
+    begun = {one.participant: admission.sessions_begun(study.root, one, known) for one in study.tasks[:2]}
+    assert begun == {"01": {}, "02": {first: 1}}
+    clock = ManualClock(START_NS)
+    paused = [remarks.paused(study.root, one.participant, one.tasks, first, clock) for one in study.tasks[:2]]
+    assert paused[0] is None
+    assert paused[1] is not None
+    assert paused[1].remark(TakeNote(text="The foot was cold."))[0]
+    assert isinstance(journal.read(study.journal()).entries[-1], Note)
+
+
+def test_whose_label_another_used_goes_on_under_a_new_one(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """01 had done their second task when it was said that their first was another's."""
+    first, second = study.tasks[0].tasks
+    study.run(study.header("01", second))
+    build.build(study.root)
+    assert tell(palpate, study, "01", "02") == 0
+    monkeypatch.setattr(run, "usable_rig", lambda *_: rigs.load(shipped("rigs/rehearsal.toml")))
+    console = ScriptedConsole(ManualClock(START_NS), "")
+    with pytest.raises(RosterError) as refused:
+        run.prepare(study.file, shipped("rigs/rehearsal.toml"), "01", first, study.root, None, console)
+    assert "palpate withdraw" in refused.value.sentence()
+    withdraw(study, "01")
+    assert enrolment.free_place(study.root, study.protocol, Roster.load(storage.roster_path(study.root))) == "01"
+    enrolment.enrol(study.file, "03", DAY, root=study.root, seed=None)
+    assert tell(palpate, study, "01", "03", position=1) == 0
+    study.run(study.header("03", first))
+    build.build(study.root)
+    assert verify.verify(study.root).refused == 0
+    read = library.read(study.root)
+    assert read.attempts["included"].all()
+    assert {*read.attempts.groupby(["participant", "task"]).groups} == {("02", first), ("03", first), ("03", second)}
+    states = {one.participant: one.state for one in status.status(study.root, DAY).people}
+    assert states == {"01": "withdrawn", "02": "under way", "03": "done"}
