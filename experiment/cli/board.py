@@ -205,8 +205,8 @@ def incident(
         )
         typer.echo(made.sentence)
         if participant is not None:
-            whose = (took_part.person, took_part.task) if took_part else (participant, None)
-            _note_incident(root, protocol_file, *whose, f"{made.kind.capitalize()} {made.number} of the roster.")
+            text = f"{made.kind.capitalize()} {made.number} of the roster."
+            _note_incident(root, protocol_file, participant, took_part, text)
     else:
         what = "give --adverse or --deviation with --done, or --number with --informed-on, or none of them"
         raise RosterError(what)
@@ -233,8 +233,8 @@ def _took_part(root: Path, given: tuple[str | None, str | None, str | None], *, 
     return made
 
 
-def _note_incident(root: Path, protocol_file: Path, participant: str, task: str | None, text: str) -> None:
-    """Put a note into the journal of somebody's session of a task, or of their latest."""
+def _note_incident(root: Path, protocol_file: Path, participant: str, took_part: "TookPart | None", text: str) -> None:
+    """Put a note into the journal of somebody's latest session, or of the one under a wrong label."""
     from palpate.experiment import storage
     from palpate.experiment.clock import MonotonicClock
     from palpate.experiment.desk.messages import TakeNote
@@ -242,6 +242,8 @@ def _note_incident(root: Path, protocol_file: Path, participant: str, task: str 
     from palpate.experiment.session import remarks
     from palpate.experiment.study import enrolment, roster, schedule
 
+    task = None if took_part is None else took_part.task
+    participant = participant if took_part is None else took_part.person
     takes = roster.Roster.load(storage.roster_path(root)).takes
     allocated = schedule.allocated(files.load(protocol_file), enrolment.seed_of(root), takes)
     tasks = schedule.find_allocation(allocated, participant).tasks

@@ -248,7 +248,7 @@ def test_progress_notes_and_approvals_are_of_the_person(study: MadeStudy, palpat
     paused = [remarks.paused(study.root, one.participant, one.tasks, first, clock) for one in study.tasks[:2]]
     assert paused[0] is None
     assert paused[1] is not None
-    assert paused[1].remark(TakeNote(text="The foot was cold."))[0]
+    assert paused[1].remark(TakeNote(text="A cold foot."))[0]
     assert isinstance(journal.read(study.journal()).entries[-1], Note)
 
 
