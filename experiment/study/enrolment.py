@@ -264,9 +264,7 @@ def study_begun(protocol_file: Path, root: Path | None) -> Path:
     roster = storage.roster_path(root)
     begun = (storage.protocol_path(root), storage.seed_path(root), roster, chain.head_path(roster))
     if not any(path.exists() for path in begun):
-        raise RosterError(
-            f"{root} has no dataset of this study", remedy="name its folder with --dataset, or enrol somebody"
-        )
+        raise RosterError(f"no dataset of this study stands at {root}", remedy="give --dataset")
     return root
 
 
