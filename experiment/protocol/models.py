@@ -323,6 +323,21 @@ class Control(Confined):
     margin: Annotated[float, Field(gt=0, lt=1)] = 0.1
 
 
+class Ahead(Confined):
+    """A footstep's vibration that begins before contact, by a prediction of it.
+
+    Attributes:
+        delay_ms: so long after contact it begins; below zero, before it.
+        error_max_ms: a step whose vibration begins farther from there is repeated; rigs expected to miss it by more
+            (standard error), and unmeasured ones, are refused.
+        broken_off: what a step that ends above the panel gets: nothing that has not begun, or its vibration.
+    """
+
+    delay_ms: Annotated[float, Field(ge=-200, lt=0)]
+    error_max_ms: Annotated[float, Field(gt=0, le=200)] | None = None
+    broken_off: Literal["nothing", "vibration"] = "nothing"
+
+
 class Task(Confined):
     """One task.
 
@@ -343,6 +358,7 @@ class Task(Confined):
         materials: those presented, in their order, if not all; any may be answered.
         levels: how strong its vibrations are, if not as they are made.
         phase: of a footstep's vibration, if not the signs of (4): all alike, drawn, or as keeps the recorded profile.
+        ahead: begins a footstep's vibration before contact.
         control: makes it a control, whose answers must be at chance.
     """
 
@@ -361,6 +377,7 @@ class Task(Confined):
     materials: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
     levels: Levels | None = Field(None, json_schema_extra={"since": 5})
     phase: Literal["zero", "random", "recorded"] | None = _since_7()
+    ahead: Ahead | None = _since_7()
     control: Control | None = _since_7()
 
 

@@ -42,6 +42,7 @@ DEVICES = {"con", "prn", "aux", "nul", *(f"{kind}{number}" for kind in ("com", "
 BESIDE = {
     "levels": "levels",
     "phase": "kinds.phases",
+    "ahead": "kinds.ahead",
     "control": "designs.controls",
     "asked": "asked",
     "factors": "designs.factors",

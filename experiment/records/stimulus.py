@@ -131,6 +131,7 @@ class Onset(Record):
     `contact_ns`: actual contact, session time. `scheduled_ns`: scheduled onset, session time; None if the actuator
     cannot schedule or was late. `gate_to_scheduled_ms`: from the arrival of the gate's frame to the first scheduling;
     None without, and in simulated time. `delivered`: the loopback's result; None without one or a known fault.
+    `ahead_ms`: how long before contact it was to begin; None at contact.
     """
 
     predicted_us: float | None
@@ -141,6 +142,25 @@ class Onset(Record):
     scheduled_ns: int | None
     gate_to_scheduled_ms: float | None
     delivered: Delivered | None
+    ahead_ms: float | None = None
+
+    @property
+    def off_ms(self) -> float:
+        """How long after its time it was scheduled, ms, by actual contact; what was not came at contact."""
+        begun_ns = self.contact_ns if self.scheduled_ns is None else self.scheduled_ns
+        return (begun_ns - self.contact_ns) / 1e6 + (self.ahead_ms or 0.0)
+
+
+class Begun(Record):
+    """What a stimulus was aimed at that a step which broke off could not take back, or was not to.
+
+    `predicted_us`: the contact last predicted, device time, with its standard error; `scheduled_ns`: its onset, session
+    time.
+    """
+
+    predicted_us: float
+    standard_error_ms: float
+    scheduled_ns: int
 
 
 def played_line(stimulus: Stimulus | None, onset: Onset | None) -> str:
@@ -174,6 +194,8 @@ def onset_line(onset: Onset | None) -> str:
     said = ""
     if onset.prediction_error_ms is not None:
         said += f"; the contact was predicted {onset.prediction_error_ms:+.2f} ms off"
+    if onset.ahead_ms is not None:
+        said += f"; the onset was due {onset.ahead_ms:g} ms before it, and {onset.off_ms:+.2f} ms off"
     if onset.gate_to_scheduled_ms is not None:
         said += f"; the onset was scheduled {onset.gate_to_scheduled_ms:.2f} ms after the gate"
     if onset.delivered is None:

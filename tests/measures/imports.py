@@ -78,7 +78,6 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     "footstep": (
         "experiment/dataset/kinds/footstep.py",
         "experiment/dataset/kinds/footstep.toml",
-        "experiment/protocol/kinds/floor.py",
         "experiment/protocol/kinds/footstep.py",
         "experiment/protocol/page/kinds/footstep.py",
         *(f"experiment/recordings/{name}.py" for name in ("manifest", "store", "workflow")),
@@ -124,6 +123,8 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     ),
     "stepping": ("experiment/synthesis/stepping",),
     "phase": ("experiment/protocol/kinds/phases.py", "experiment/synthesis/signals/phase.py"),
+    "ahead": ("experiment/protocol/kinds/ahead.py", "experiment/session/kinds/footstep/ahead.py"),
+    "floor": ("experiment/protocol/kinds/floor.py",),
     "levels": (
         "experiment/protocol/levels.py",
         "experiment/session/kinds/footstep/levels.py",

@@ -79,7 +79,7 @@ def placed_steps(path: Path, contents: Contents) -> list[Placed]:
 def _cells(path: Path, contents: Contents) -> Iterator[tuple[entries.Outcome, Cells]]:
     for placed in placed_steps(path, contents):
         step = placed.step
-        stimulus, onset = (step.stimulus, step.onset) if isinstance(step, FootStep) else (None, None)
+        stimulus, onset = step.stimulus, step.onset if isinstance(step, FootStep) else None
         heard = onset.delivered if onset else None
         off_ns = heard.onset_ns - onset.contact_ns if onset and heard and heard.onset_ns is not None else None
         yield (

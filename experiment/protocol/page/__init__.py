@@ -344,6 +344,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             ("Order", _order(task, _noun(protocol))),
             *(_levels().facts(task) if task.levels else ()),
             *((import_module("palpate.experiment.protocol.kinds.phases").fact(task),) if task.phase else ()),
+            *(import_module("palpate.experiment.protocol.kinds.ahead").facts(task.ahead) if task.ahead else ()),
             *_control(task),
         )
 

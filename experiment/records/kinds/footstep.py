@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from palpate.experiment.records.entries import Entry, Lines, Outcome, Record, Trace
-from palpate.experiment.records.stimulus import MOST_US, DeviceUs, Onset, Stimulus, onset_line, played_line
+from palpate.experiment.records.stimulus import MOST_US, Begun, DeviceUs, Onset, Stimulus, onset_line, played_line
 
 MOST_PPM = 1e6
 """No clock runs twice as fast as another."""
@@ -81,6 +81,7 @@ class BrokenOff(Outcome):
     `gate_top_us`, `gate_bottom_us` and `speed_mm_s` are None where the foot had not passed the gate, `at_us` (device
     time of the newest sample) and `clock` before any sample. `felt`: something may have been felt, so the trial moves
     to the end of its block; otherwise it is armed again. `silent` and `dead_time_ms` are as in `Footer` and `FootStep`.
+    `stimulus` and `begun` are of a scheduled one that played.
     """
 
     asks = False
@@ -97,6 +98,8 @@ class BrokenOff(Outcome):
     speed_mm_s: float | None
     link: Link
     trace: Trace
+    stimulus: Stimulus | None = None
+    begun: Begun | None = None
 
     @property
     def put_off(self) -> bool:
@@ -125,7 +128,8 @@ def _stepped(entry: FootStep) -> str:
 def _broken_off(entry: BrokenOff) -> str:
     again = "put off to the end of the block" if entry.felt else "armed again"
     presented = " and ".join(entry.presented)
-    return f"{entry.label}: {presented}, broke off, {again}: {entry.reason}{_dead(entry.dead_time_ms)}"
+    played = "" if entry.stimulus is None else f"; {played_line(entry.stimulus, None)}"
+    return f"{entry.label}: {presented}, broke off, {again}: {entry.reason}{played}{_dead(entry.dead_time_ms)}"
 
 
 def _dead(dead_time_ms: float | None) -> str:

@@ -29,7 +29,7 @@ from palpate.experiment.session.kinds.tapping.virtual import vibrations
 from palpate.experiment.settings.characters import JOINERS, deceptive, hidden, leftward
 from tests.experiment.protocol import leveled, tapping
 from tests.experiment.protocol.asking import asked
-from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol, with_text
+from tests.experiment.protocol.small import before_contact, changed, document, leaves, okamoto2012, protocol, with_text
 
 
 def page(study: Protocol) -> str:
@@ -210,6 +210,15 @@ CASES += [
 PHASED = ProtocolFile.model_validate(changed(changed(document(), ("format",), 7), ("tasks", 0, "phase"), "random"))
 
 CASES += [(PHASED, ("tasks", 0, "phase"), "random", other) for other in ("zero", "recorded")]
+
+AHEAD = ProtocolFile.model_validate(before_contact(-20.0, error_max_ms=5.0))
+
+CASES += [
+    (AHEAD, path, value, other)
+    for path, kind, value in fields(AHEAD)
+    for other in others(kind, value)
+    if "ahead" in path
+]
 
 GROUPED = ProtocolFile.model_validate(
     changed(

@@ -134,6 +134,8 @@ class ScriptedActuator:
         """The onsets asked for, of each stimulus."""
         self.withdrawn = 0
         self.sounds_anyway = self.still_plays = False
+        self.late: set[int] = set()
+        """The stimuli, from 1, that take no aim."""
         self.heard: deque[Delivered | BaseException | None] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
@@ -144,7 +146,7 @@ class ScriptedActuator:
 
     def aim(self, onset_ns: int) -> bool:
         self.aimed[-1].append(onset_ns)
-        return True
+        return len(self.aimed) not in self.late
 
     def landed(self, contact_ns: int) -> None:
         assert self._prepared is not None

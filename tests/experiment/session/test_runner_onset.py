@@ -11,7 +11,7 @@ from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.apparatus.tracker.landing import STOPPED
 from palpate.experiment.desk.questions import INTERRUPTED
 from palpate.experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.models import Ahead, Protocol
 from palpate.experiment.records.entries import Footer, Redo
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.stimulus import Delivered
@@ -77,6 +77,82 @@ def test_what_can_no_longer_be_withdrawn_has_its_trial_put_off(protocol: Protoco
     assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
     assert one.console.rearmed == []
+
+
+def beginning(protocol: Protocol, ahead: Ahead) -> Protocol:
+    """The study with a virtual task whose vibration begins before contact."""
+    tasks = tuple(
+        task.model_copy(update={"ahead": ahead if task.stimulus == "virtual" else None}) for task in protocol.tasks
+    )
+    return protocol.model_copy(update={"tasks": tasks})
+
+
+@pytest.mark.parametrize(("lead_ms", "delay_ms"), [(6, -20.0), (12, -20.0), (6, -45.0)])
+def test_the_onset_is_aimed_as_long_before_contact_as_the_protocol_has_it(
+    protocol: Protocol, tmp_path: Path, lead_ms: int, delay_ms: float
+) -> None:
+    one = bench("cpt", [piece for n in range(1, 4) for piece in in_pieces(step_samples(2_000_000 * n, 150.0))])
+    one.actuator.lead_ns = lead_ms * 1_000_000
+    study = beginning(protocol, Ahead(delay_ms=delay_ms))
+    assert one.run(study, header("virtual"), tmp_path).answered == 3
+    steps = [e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)]
+    for step, aimed in zip(steps, one.actuator.aimed, strict=True):
+        onset = step.onset
+        assert onset is not None
+        assert onset.predicted_us is not None
+        assert onset.predicted_from_us is not None
+        assert onset.prediction_error_ms is not None
+        assert (onset.ahead_ms, onset.scheduled_ns) == (-delay_ms, aimed[-1])
+        assert -0.1 < (onset.predicted_us - onset.predicted_from_us) / 1e3 + delay_ms - lead_ms < 1.1
+        # A steady foot is where it was expected, and the onset is off by what its contact was.
+        assert abs(onset.prediction_error_ms) < 1.5
+        assert onset.off_ms == pytest.approx(onset.prediction_error_ms, abs=1e-5)
+
+
+def test_a_step_that_breaks_off_before_contact_gets_no_vibration(protocol: Protocol, tmp_path: Path) -> None:
+    feet = [in_vain(2_000_000, 150.0), *(step_samples(2_000_000 * n, 150.0) for n in range(2, 5))]
+    one = bench("cpt", [piece for foot in feet for piece in in_pieces(foot)])
+    one.actuator.lead_ns = 5_000_000
+    one.run(beginning(protocol, Ahead(delay_ms=-20)), header("virtual"), tmp_path)
+    (broken,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, BrokenOff)]
+    assert (broken.felt, broken.stimulus, broken.begun) == (False, None, None)
+    assert one.console.rearmed == [(1, 2, STOPPED)]
+    assert len(one.actuator.played) == 3
+
+
+@pytest.mark.parametrize("has_begun", [True, False], ids=["it has begun", "the protocol plays it"])
+def test_what_a_broken_step_let_be_felt_is_on_record_and_repeated(
+    protocol: Protocol, tmp_path: Path, has_begun: bool
+) -> None:
+    feet = [in_vain(2_000_000, 150.0), *(step_samples(2_000_000 * n, 150.0) for n in range(2, 6))]
+    one = bench("cpt", [piece for foot in feet for piece in in_pieces(foot)])
+    one.actuator.lead_ns, one.actuator.sounds_anyway = 5_000_000, has_begun
+    ahead = Ahead(delay_ms=-20, broken_off="nothing" if has_begun else "vibration")
+    one.run(beginning(protocol, ahead), header("virtual"), tmp_path)
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
+    done = entries(tmp_path, "virtual")
+    (broken,) = [e for e in done if isinstance(e, BrokenOff)]
+    assert broken.felt
+    assert broken.stimulus is not None
+    assert broken.begun is not None
+    assert broken.begun.scheduled_ns == one.actuator.aimed[0][-1]
+    steps = [e for e in done if isinstance(e, FootStep)]
+    assert broken.felt_s == steps[0].felt_s
+    assert one.actuator.withdrawn == has_begun
+
+
+def test_a_step_whose_vibration_misses_its_time_by_more_than_allowed_is_repeated(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    one = bench("cpt", [piece for n in range(1, 5) for piece in in_pieces(step_samples(2_000_000 * n, 150.0))])
+    one.actuator.lead_ns = 5_000_000
+    # The first cannot be scheduled, so that it sounds at contact.
+    one.actuator.late = {1}
+    ahead = Ahead(delay_ms=-20, error_max_ms=5)
+    assert one.run(beginning(protocol, ahead), header("virtual"), tmp_path).reason == "complete"
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
+    (redone,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, Redo)]
+    assert redone.reason.startswith("ahead: ")
 
 
 @pytest.mark.parametrize("lead_ms", [5, 6, 7, 12])

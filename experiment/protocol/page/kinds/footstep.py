@@ -12,7 +12,7 @@ _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coeff
 
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
     yield from _synthesised(protocol.table(Footstep)) if protocol.renders else ()
-    yield from _steps(protocol.table(Footstep).step)
+    yield from _steps(protocol.table(Footstep).step, ahead=any(task.ahead for task in protocol.tasks))
 
 
 def _synthesised(footstep: Footstep) -> Iterator[Block]:
@@ -48,12 +48,13 @@ def _synthesised(footstep: Footstep) -> Iterator[Block]:
     )
 
 
-def _steps(step: Step) -> Iterator[Block]:
+def _steps(step: Step, *, ahead: bool) -> Iterator[Block]:
+    earlier = " A task whose stimulus begins before that says below what then holds." if ahead else ""
     yield Said(
         f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "
         f"{number(step.gate_bottom_mm)} mm above the panel, and the stimulus starts when it reaches "
         f"{number(step.contact_mm)} mm. If the foot stops, turns back or hesitates on the way, no stimulus is played "
-        "and the trial is at once made ready (armed) for another step."
+        f"and the trial is at once made ready (armed) for another step.{earlier}"
     )
 
 

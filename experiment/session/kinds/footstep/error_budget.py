@@ -45,13 +45,13 @@ WATCHED_US = 4_000_000
 """So much of a slow foot's way is enough to know how well it is predicted, microseconds."""
 
 
-def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
-    """Return the predictor's standard error of contact at the onset's last move, at one speed, ms; None without."""
+def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float, ahead_ms: float = 0.0) -> float | None:
+    """Return the predictor's standard error of contact at the last move of an onset so long before it, ms, if any."""
     if rig.actuator.driver != "audio" or rig.audio is None:
         return None
     step, tracker = protocol.table(Footstep).step, tracker_of(rig)
     predictor = LandingPredictor(step, noise_mm=NOISE_MM if tracker.noise_mm is None else tracker.noise_mm)
-    lead_us = (rig.audio.latency.output_ms + (rig.actuator.inverse_ahead_ms or 0.0)) * 1e3
+    lead_us = (rig.audio.latency.output_ms + (rig.actuator.inverse_ahead_ms or 0.0) + ahead_ms) * 1e3
     lead_us += 2e6 * rig.audio.block / rig.audio.rate_hz
     last_us = int(min((step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6 - lead_us, 1e15))
     state, found = predictor.init(), None
@@ -140,6 +140,7 @@ class ErrorBudget:
     `aims_ms` are the standard errors of contact at each speed when the onset is moved for the last time; None where it
     is not. `carries_hz` is the band that the rig was measured in, None where it never was, and `schedules` says whether
     its actuator can be told when to begin. `refused` says why no participant is run on the rig, empty where they are.
+    A stimulus begins `ahead_ms` before contact.
     """
 
     materials: dict[str, Detailed]
@@ -147,6 +148,7 @@ class ErrorBudget:
     carries_hz: tuple[float, float] | None
     schedules: bool
     refused: str
+    ahead_ms: float = 0.0
 
     @property
     def most_left_out(self) -> MostLeftOut:
@@ -167,6 +169,7 @@ class ErrorBudget:
                 for material, of in self.materials.items()
             },
             "contact_standard_error_ms": list(self.aims_ms),
+            "ahead_ms": self.ahead_ms,
             "carries_hz": self.carries_hz,
             "assumes": ASSUMED if self._takes_volts else None,
             "refused": self.refused or None,
@@ -240,9 +243,10 @@ class ErrorBudget:
             )
             return f"timing: the stimulus sounds after contact, for {why}"
         slow, fast = known[0], known[-1]
+        early = f", {self.ahead_ms:g} ms before it," if self.ahead_ms else ""
         return (
             f"timing: contact has a standard error of {slow[1]:.2f} ms at {slow[0]:.0f} mm/s and {fast[1]:.2f} ms at "
-            f"{fast[0]:.0f} mm/s when the onset is moved last"
+            f"{fast[0]:.0f} mm/s when the onset{early} is moved last"
         )
 
     def _lowered(self) -> list[str]:
@@ -267,10 +271,11 @@ def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path
     given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
     others = [one for one in scenes.played(protocol) if (one.materials, one.phase) != (own.materials, own.phase)]
     worst = most_left_out([found, *(given(scene=one) for one in others)], carries_hz)
-    aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
+    ahead_ms = 0.0 if (ahead := protocol.task(task_id).ahead) is None else -ahead.delay_ms
+    aims_ms = tuple(aim_ms(protocol, rig, v, ahead_ms) for v in speeds_mm_s(protocol))
     schedules = rig.actuator.driver == "audio"
     refused = simulated_table(f"rig '{rig.rig.name}'", rig_folder, rig) or refusal(protocol, rig, worst, carries_hz)
-    return ErrorBudget(found, aims_ms, carries_hz, schedules, refused.sentence() if refused else "")
+    return ErrorBudget(found, aims_ms, carries_hz, schedules, refused.sentence() if refused else "", ahead_ms)
 
 
 WIDTH = 100

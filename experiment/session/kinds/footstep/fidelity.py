@@ -14,7 +14,7 @@ from functools import partial
 from importlib import import_module
 from math import inf, sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from palpate.experiment.apparatus.panel.conditioning import Played
     from palpate.experiment.synthesis.budget import Budget
     from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+
+AHEAD = "palpate.experiment.session.kinds.footstep.ahead"
 
 SPEEDS = 10
 """At so many speeds of the foot, evenly spaced by ratio, and at those recorded, where the spectra bend."""
@@ -177,10 +179,11 @@ def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tupl
 
 
 def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[float, float] | None) -> Finding | None:
-    """Return why no participant is run on a rig that leaves out so much; None where the protocol allows it."""
+    """Return why no participant is run on a rig that leaves out so much, or is late; None where both are allowed."""
     most = protocol.table(Footstep).synthesis.left_out_max
     if most is None or (worst.share <= most and carries_hz is not None):
-        return None
+        ahead = any(task.ahead for task in protocol.tasks)
+        return cast("Finding | None", import_module(AHEAD).refusal(protocol, rig)) if ahead else None
     what = UNKNOWN
     remedy: Remedy | str = "measure the panel, and write actuator.low_hz and high_hz into the rig file"
     if worst.share > most:

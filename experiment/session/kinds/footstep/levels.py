@@ -7,7 +7,6 @@ nothing is prepared under another name, so that each step is shaped by itself.
 
 from dataclasses import replace
 
-from palpate.experiment.session.kinds.footstep.stimulus import Sounder
 from palpate.experiment.session.kinds.footstep.watch import Watch
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 from palpate.experiment.synthesis.waveforms import Basis, prepare
@@ -19,7 +18,7 @@ def at_level(watch: Watch, material: str, level: float) -> Watch:
         return watch
     materials = watch.sounder.materials
     leveled = scaled(materials[material], level)
-    return replace(watch, sounder=Sounder({**materials, material: leveled}, watch.sounder.actuator))
+    return replace(watch, sounder=replace(watch.sounder, materials={**materials, material: leveled}))
 
 
 def scaled(basis: Basis, level: float) -> Basis:

@@ -9,22 +9,24 @@ from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.apparatus.tracker.gate import Contact
 from palpate.experiment.apparatus.tracker.landing import Landing
 from palpate.experiment.clock import lasted_ms
-from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.records.stimulus import Begun, Onset, Stimulus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from palpate.experiment.apparatus.panel.conditioning import Played
     from palpate.experiment.clock import Clock
+    from palpate.experiment.protocol.models import Ahead
     from palpate.experiment.synthesis.waveforms import Basis
 
 
 @dataclass(frozen=True)
 class Sounder:
-    """The materials by their ids, and the actuator that plays their stimuli."""
+    """The materials by their ids, the actuator that plays their stimuli, and how they come before contact, if so."""
 
     materials: Mapping[str, Basis]
     actuator: Actuator
+    ahead: Ahead | None = None
 
 
 class Sounding:
@@ -34,6 +36,8 @@ class Sounding:
         """Begin with nothing prepared; `session_ns` returns the session time, ns, of a device time, us."""
         self._basis = sounder.materials[material]
         self._actuator = sounder.actuator
+        self._ahead = sounder.ahead
+        self._ahead_ns = 0 if self._ahead is None else round(-self._ahead.delay_ms * 1e6)
         self._session_ns = session_ns
         self._clock = clock
         self._aimed: Landing | None = None
@@ -64,14 +68,14 @@ class Sounding:
 
     def in_time(self, landing: Landing) -> bool:
         """Return whether the onset could still be moved when the newest sample was taken."""
-        return (landing.us - landing.from_us) * 1e3 >= self._actuator.lead_ns
+        return (landing.us - landing.from_us) * 1e3 >= self._actuator.lead_ns + self._ahead_ns
 
     def aim(self, landing: Landing) -> None:
-        """Schedule the onset for a predicted contact or soon after, unless it is nearer already or too late."""
-        contact_ns = self._session_ns(landing.us)
-        onset_ns = max(contact_ns, self._clock.now_ns() + self._actuator.lead_ns)
-        late_ns = onset_ns - contact_ns
-        if late_ns and self._scheduled_ns is not None and abs(self._scheduled_ns - contact_ns) <= late_ns:
+        """Schedule the onset as a predicted contact has it or soon after, unless it is nearer already or too late."""
+        due_ns = self._session_ns(landing.us) - self._ahead_ns
+        onset_ns = max(due_ns, self._clock.now_ns() + self._actuator.lead_ns)
+        late_ns = onset_ns - due_ns
+        if late_ns and self._scheduled_ns is not None and abs(self._scheduled_ns - due_ns) <= late_ns:
             return
         if not self._actuator.aim(onset_ns):
             return
@@ -90,9 +94,25 @@ class Sounding:
         """Take the stimulus back, and return whether nothing of it sounds."""
         return self._played is None or self._actuator.withdraw()
 
+    @property
+    def plays_on(self) -> bool:
+        """Whether a step that breaks off now gets its stimulus all the same."""
+        return self._ahead is not None and self._ahead.broken_off == "vibration" and self._scheduled_ns is not None
+
+    @property
+    def begun(self) -> Begun | None:
+        """What the stimulus was aimed at; None where it was not scheduled."""
+        aimed, scheduled_ns = self._aimed, self._scheduled_ns
+        if aimed is None or scheduled_ns is None:
+            return None
+        error_ms = aimed.standard_error_us / 1e3
+        return Begun(predicted_us=aimed.us, standard_error_ms=error_ms, scheduled_ns=scheduled_ns)
+
     def onset(self, contact: Landing, contact_ns: int) -> Onset:
         """Return how onset and contact met, once the stimulus has ended. Raises `ActuatorError`."""
         aimed = self._aimed
+        # Whoever asks for an onset before contact bounds the prediction's error in the protocol, not in the rig.
+        due_ns = self._scheduled_ns if self._ahead is not None and self._scheduled_ns is not None else contact_ns
         return Onset(
             predicted_us=aimed.us if aimed else None,
             standard_error_ms=aimed.standard_error_us / 1e3 if aimed else None,
@@ -101,5 +121,6 @@ class Sounding:
             contact_ns=contact_ns,
             scheduled_ns=self._scheduled_ns,
             gate_to_scheduled_ms=self._gate_to_scheduled_ms,
-            delivered=self._actuator.delivered(contact_ns),
+            delivered=self._actuator.delivered(due_ns),
+            ahead_ms=None if self._ahead is None else -self._ahead.delay_ms,
         )

@@ -29,6 +29,7 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import ExclusionRule, Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial, Trace, TrackerOpened
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
+from palpate.experiment.records.stimulus import Onset
 from palpate.experiment.session import scene
 from palpate.experiment.session.kind import (
     FarEnds,
@@ -154,7 +155,7 @@ class Footsteps(Kind):
         protocol, clock, limits = lent.protocol, lent.clock, lent.limits
         step = protocol.table(Footstep).step
         self._protocol = protocol
-        self._place = protocol.task(lent.header.task).stimulus == "real"
+        self._task = task = protocol.task(lent.header.task)
         self._devices = devices
         self._lent = lent
         self._clock = clock
@@ -167,7 +168,9 @@ class Footsteps(Kind):
             predictor=LandingPredictor(step, noise_mm=devices.noise_mm),
             clock=clock,
             limits=limits,
-            sounder=Sounder(devices.materials, devices.actuator) if devices.materials and devices.actuator else None,
+            sounder=Sounder(devices.materials, devices.actuator, task.ahead)
+            if devices.materials and devices.actuator
+            else None,
         )
         self._steps = self._watch
         """With what the stimulus of the attempt under way is."""
@@ -210,7 +213,7 @@ class Footsteps(Kind):
             self._armed = Armed(planned, attempt, None)
             return
         laid_ns = 0
-        if self._place:
+        if self._task.stimulus == "real":
             begun_ns = clock.now_ns()
             self._lent.console.ask(Place(planned.trial, planned.presented))
             laid_ns = clock.now_ns() - begun_ns
@@ -375,7 +378,17 @@ class Footsteps(Kind):
             }
             if broken.get(rule.when, False):
                 return f"{rule.id}: {rule.reason}"
-        return ""
+        return "" if step.onset is None else self._missed(step.onset)
+
+    def _missed(self, onset: Onset) -> str:
+        """Return why a stimulus began too far from its time before contact; empty where it did not."""
+        ahead, actuator = self._task.ahead, self._devices.actuator
+        # A rehearsal's actuator may be one that cannot be told when to begin: what it plays comes at contact.
+        if ahead is None or ahead.error_max_ms is None or actuator is None or not actuator.lead_ns:
+            return ""
+        if abs(onset.off_ms) <= ahead.error_max_ms:
+            return ""
+        return f"ahead: the vibration began {onset.off_ms:+.1f} ms from its time; allowed: {ahead.error_max_ms:g} ms"
 
 
 def pace(speed_mm_s: float, rules: Iterable[ExclusionRule]) -> Pace | None:
@@ -442,6 +455,8 @@ def _broken_off(armed: Armed, step: BrokenStep, trace: Trace, *, silent: bool | 
         speed_mm_s=gate.speed_mm_s if gate else None,
         link=_link(step.link),
         trace=trace,
+        stimulus=step.stimulus,
+        begun=step.begun,
     )
 
 

@@ -28,7 +28,7 @@ from palpate.experiment.apparatus.tracker.landing import Falling, Landing, Landi
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.questions import INTERRUPTED
 from palpate.experiment.errors import TrackerStopped, cause
-from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.records.stimulus import Begun, Onset, Stimulus
 from palpate.experiment.session.kind import Limits
 from palpate.experiment.session.kinds.footstep.stimulus import Sounder, Sounding
 
@@ -200,7 +200,7 @@ class BrokenStep:
     was known in the end; all are None if no sample came. `gate` is the passage through the gate, if there was one.
     `reason` says why the step ended, and `felt` whether something may have been felt. `stopped` is the tracker's
     silence, if that ended it; `failed` is what else ended it once something may have been felt, to be raised when the
-    step is on file. `raw` and `link` reach to that moment.
+    step is on file. `raw` and `link` reach to that moment. `stimulus` and `begun` are of a scheduled one that played.
     """
 
     first_us: int | None
@@ -213,6 +213,8 @@ class BrokenStep:
     failed: BaseException | None
     raw: bytes
     link: LinkCounts
+    stimulus: Stimulus | None = None
+    begun: Begun | None = None
 
 
 def watch(
@@ -320,6 +322,8 @@ class _Step:
 
     def _blamed(self, us: int, gate: Gate) -> str:
         """Return why it is the tracker, and not the foot, that seems to hesitate at `us`; empty if it is the foot."""
+        if self._sounding is not None and self._sounding.plays_on:
+            self._withdrawn = False
         self.withdraw()
         settled_us = self._parts.scrutiny.settled_us(us)
         while (self._taken.newest_us or 0) < settled_us:
@@ -410,6 +414,7 @@ class _Step:
     ) -> BrokenStep:
         """Return the step without a contact, or without the rest of its record."""
         withdrawn, taken = self.withdraw(), self._taken
+        begun = self._sounding.begun if self._sounding is not None and not withdrawn else None
         return BrokenStep(
             first_us=taken.first_us,
             clock=taken.clock_map,
@@ -421,6 +426,8 @@ class _Step:
             failed=failed,
             raw=taken.raw(),
             link=taken.link(taken.newest_us or 0),
+            stimulus=self._sounding.stimulus if self._sounding is not None and begun is not None else None,
+            begun=begun,
         )
 
     def _passed(self, event: Gate | Contact, arrived_ns: int) -> None:

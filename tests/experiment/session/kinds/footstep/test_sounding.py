@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from typing import Literal
 
 import pytest
 
 from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
 from palpate.experiment.apparatus.tracker.landing import Landing
 from palpate.experiment.clock import ManualClock
+from palpate.experiment.protocol.models import Ahead
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.session.kinds.footstep.stimulus import Sounder, Sounding
 from palpate.experiment.synthesis.waveforms import Waveform
@@ -61,9 +63,9 @@ def landing(ms: float) -> Landing:
     return Landing(us=ms * 1e3, standard_error_us=100.0, from_us=0)
 
 
-def silent(actuator: Aimed, clock: ManualClock) -> Sounding:
+def silent(actuator: Aimed, clock: ManualClock, ahead: Ahead | None = None) -> Sounding:
     basis = basis_of([0.0], samples=10, rate_hz=1000, material="copy paper")
-    sounder = Sounder({"copy paper": basis}, actuator)
+    sounder = Sounder({"copy paper": basis}, actuator, ahead)
     return Sounding(sounder, "copy paper", lambda us: round(us * 1e3), clock)
 
 
@@ -142,3 +144,45 @@ def test_what_is_never_scheduled_has_no_time_of_it() -> None:
     sounding.aim(landing(40.0))
     onset = sounding.onset(landing(40), 40_000_000)
     assert (onset.scheduled_ns, onset.gate_to_scheduled_ms) == (None, None)
+
+
+def test_what_comes_before_contact_is_aimed_that_much_earlier() -> None:
+    clock = ManualClock(0)
+    actuator = Aimed(clock)
+    sounding = silent(actuator, clock, Ahead(delay_ms=-20))
+    sounding.prepare(100.0)
+    assert sounding.begun is None
+    # The lead of 10 ms comes off what is left until 20 ms before contact.
+    assert [sounding.in_time(landing(ms)) for ms in (29.9, 30.0)] == [False, True]
+    sounding.aim(landing(33.0))
+    clock.sleep_ns(4_000_000)
+    # 14 ms is the soonest now: nearer to 15.5 than 13, and farther from 12.
+    sounding.aim(landing(32.0))
+    assert actuator.aims == [13_000_000]
+    sounding.aim(landing(35.5))
+    assert actuator.aims == [13_000_000, 15_500_000]
+    begun = sounding.begun
+    assert begun is not None
+    assert (begun.scheduled_ns, begun.predicted_us, begun.standard_error_ms) == (15_500_000, 35_500.0, 0.1)
+    onset = sounding.onset(landing(34.0), 34_000_000)
+    assert (onset.ahead_ms, onset.scheduled_ns, onset.prediction_error_ms) == (20.0, 15_500_000, 1.5)
+    assert onset.off_ms == 1.5
+
+
+def test_what_was_not_scheduled_before_contact_is_off_by_all_of_that() -> None:
+    clock = ManualClock(0)
+    sounding = silent(Aimed(clock), clock, Ahead(delay_ms=-20))
+    sounding.prepare(100.0)
+    assert sounding.onset(landing(34.0), 34_000_000).off_ms == 20.0
+
+
+@pytest.mark.parametrize(("broken_off", "plays"), [("nothing", False), ("vibration", True)])
+def test_only_what_is_scheduled_plays_on_and_only_if_the_protocol_has_it(
+    broken_off: Literal["nothing", "vibration"], plays: bool
+) -> None:
+    clock = ManualClock(0)
+    sounding = silent(Aimed(clock), clock, Ahead(delay_ms=-20, broken_off=broken_off))
+    sounding.prepare(100.0)
+    assert not sounding.plays_on
+    sounding.aim(landing(40.0))
+    assert sounding.plays_on == plays
