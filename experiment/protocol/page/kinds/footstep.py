@@ -49,7 +49,7 @@ def _synthesised(footstep: Footstep) -> Iterator[Block]:
 
 
 def _steps(step: Step, *, ahead: bool) -> Iterator[Block]:
-    earlier = " A task whose stimulus begins before that says below what then holds." if ahead else ""
+    earlier = " A task whose stimulus begins before that says what then holds." if ahead else ""
     yield Said(
         f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "
         f"{number(step.gate_bottom_mm)} mm above the panel, and the stimulus starts when it reaches "
