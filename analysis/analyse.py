@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -19,7 +19,7 @@ from palpate.analysis.conditions.touched import touched_section
 from palpate.analysis.documents import page
 from palpate.analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from palpate.analysis.documents.tables import WIDTH, Section, text
-from palpate.analysis.reading.dataset import read_pooled
+from palpate.analysis.reading.dataset import Say, read_pooled, silent
 from palpate.analysis.reading.study import Study, nothing_left
 from palpate.analysis.report import prose
 from palpate.experiment.errors import DatasetError
@@ -88,7 +88,7 @@ def analyse(
     pictures: bool = True,
     titles: bool = False,
     dissimilarities: Path | None = None,
-    say: Callable[[str], None] = lambda _: None,
+    say: Say = silent,
 ) -> Analysis:
     """Analyse these BIDS datasets, pooled if there are several, and write everything into `out`.
 
@@ -100,7 +100,7 @@ def analyse(
         raise DatasetError("--out", "got none", "name it", allowed="a folder for the results of several datasets")
     place = out or datasets[0] / DERIVATIVES / "palpate"
     check(place, (), "analyse")
-    study, controlled = control.apart(read_pooled(datasets))
+    study, controlled = control.apart(read_pooled(datasets, say))
     if not study.attempts["included"].any():
         raise nothing_left(", ".join(map(str, datasets)), study.exclusions)
     printed = published.load(study.id)

@@ -363,7 +363,8 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         both = in_every([task.confusion for task in tasks])
         rows = [row for task in tasks for row in _correct(task.confusion, both)]
         anyone = dict.fromkeys(label for task in tasks for label in task.confusion.participants)
-        dropped = tuple(label for label in anyone if label not in set(both))
+        in_both = set(both)
+        dropped = tuple(label for label in anyone if label not in in_both)
         name = f"{len(rows)} correct ratios (material by task) x {plural(len(both), 'participant')} who did every task"
         linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"
         name += linked * (study.origin == "RECONSTRUCTION")

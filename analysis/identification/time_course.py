@@ -214,7 +214,5 @@ def _onsets(known: pd.DataFrame) -> OnsetErrors:
 
 
 def _masker(known: pd.DataFrame) -> tuple[MaskerLevels, ...]:
-    return tuple(
-        MaskerLevels(str(label), float(levels.median()), float(levels.min()), float(levels.max()))
-        for label, levels in known.groupby("participant", sort=False)["masker_db_a"]
-    )
+    levels = known.groupby("participant", sort=False)["masker_db_a"].agg(["median", "min", "max"])
+    return tuple(MaskerLevels(str(label), *map(float, of)) for label, *of in levels.itertuples(name=None))

@@ -95,7 +95,8 @@ def design(study: Study) -> Design:
         names += named
         matrix = wider
     places, people = pd.factorize(table["participant"])
-    gone = tuple(label for label in everyone if label not in set(people))
+    left = set(people)
+    gone = tuple(label for label in everyone if label not in left)
     return Design(correct, places.astype(np.int64), tuple(names), matrix, terms, absent, left_out, gone)
 
 
@@ -156,6 +157,9 @@ DIFFERENCE = 1e-4
 """The step of the central differences of gradients that make the Hessian."""
 
 START_SD = 0.5
+
+HELD = 16_384
+"""So many trials stay in a processor's cache while their likelihood is computed."""
 
 
 def log_likelihood(
@@ -322,15 +326,16 @@ def mixed(design: Design) -> TrialModel:
         raise NotDefined("some terms of the mixed logit cannot be told from the others")
     even, mixing = even * np.sqrt(len(even)), mixing / np.sqrt(len(even))
 
+    parts = [
+        {"correct": design.correct[part], "matrix": even[part], "participants": own - own.min()}
+        for part in _parts(design.participants)
+        for own in [design.participants[part]]
+    ]
+
     def lost(parameters: Floats) -> tuple[float, Floats]:
-        value, gradient = log_likelihood(
-            correct=design.correct,
-            matrix=even,
-            participants=design.participants,
-            coefficients=parameters[:-1],
-            sd=parameters[-1],
-        )
-        return -value / trials, -gradient / trials
+        found = [log_likelihood(**part, coefficients=parameters[:-1], sd=parameters[-1]) for part in parts]
+        values, gradients = zip(*found, strict=True)
+        return -sum(values) / trials, -np.sum(gradients, axis=0) / trials
 
     start = np.append(np.zeros(count), START_SD)
     found = minimize(lost, start, jac=True, method="BFGS", options={"gtol": GRADIENT_TOLERANCE})
@@ -344,6 +349,14 @@ def mixed(design: Design) -> TrialModel:
     back = np.linalg.inv(mixing)
     covariance: Floats = (back @ np.linalg.inv(information)[:count, :count] @ back.T).astype(np.float64)
     return _model(design, people, back @ found.x[:count], covariance, abs(float(found.x[-1])))
+
+
+def _parts(participants: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Return the places of the trials of participants one after another, in parts of some `HELD` trials."""
+    order = np.argsort(participants, kind="stable")
+    ends = np.cumsum(np.bincount(participants))
+    cuts = ends[np.unique(np.searchsorted(ends, np.arange(HELD, participants.size, HELD)))]
+    return [part for part in np.split(order, cuts) if part.size]
 
 
 def _participants(design: Design) -> int:

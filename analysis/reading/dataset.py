@@ -10,13 +10,14 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from glob import escape
 from itertools import product
 from pathlib import Path
-from sys import intern
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import pandas as pd
 
@@ -32,6 +33,8 @@ from palpate.experiment.settings.characters import JOINERS, hidden, quoted
 
 if TYPE_CHECKING:
     from palpate.experiment.protocol.models import Protocol
+
+T = TypeVar("T")
 
 MISSING = "n/a"
 FURTHER = {
@@ -71,8 +74,20 @@ NEEDED = ("trial", "attempt", "counted", "answered", "response_time", "redo_reas
 ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED")
 
 
-def read(root: Path) -> Study:
-    """Read the dataset in the folder `root`.
+Say = Callable[..., None]
+"""What tells of progress: words, and how many of how many sessions are done."""
+
+
+def silent(*_: object) -> None:
+    """Tell of no progress."""
+
+
+EACH = 50
+"""Progress is told after so many sessions."""
+
+
+def read(root: Path, say: Say = silent) -> Study:
+    """Read the dataset in the folder `root`; `say` gets progress.
 
     Raises `DatasetError` for a file that is missing, broken or truncated, `OtherFormat`, and `ProtocolError` for a
     broken protocol.
@@ -81,15 +96,17 @@ def read(root: Path) -> Study:
     facts = _facts(description, root / "dataset_description.json")
     withdrawn, first_tasks, facts_of_people = _participants(root / "participants.tsv")
     _refuse_strangers(root, set(withdrawn), facts["Tasks"])
-    columns: dict[str, list[object]] = {}
+    columns: dict[str, Any] = {}
+    texts: dict[str, str] = {}
     session_ids: dict[tuple[str, str], str] = {}
+    owners: dict[str, tuple[str, str]] = {}
     forces: dict[tuple[str, str], tuple[Path, ...]] = {}
     touched: dict[tuple[str, str], dict[str, Any]] = {}
     tasks: dict[str, Task] = {}
     materials: tuple[str, ...] = ()
     asked: dict[str, TaskDesign] = {}
     people = took_part(root, facts, withdrawn)
-    for label, task in product(withdrawn, facts["Tasks"]):
+    for label, task in _counted([*product(withdrawn, facts["Tasks"])], say):
         participant = people.get((label, task), label)
         path = root / f"sub-{label}" / "beh" / f"sub-{label}_task-{task}_events.tsv"
         if not path.exists():
@@ -109,17 +126,15 @@ def read(root: Path) -> Study:
         shown = tuple(sidecar.get("Presented", materials))
         tasks[task] = _task(task, shown, sidecar, tasks.get(task), beside)
         if (session_id := sidecar.get("SessionId")) is not None:
-            _check_new(str(session_id), session_ids, beside)
+            _check_new(str(session_id), owners, beside)
             session_ids[participant, task] = str(session_id)
+            owners[str(session_id)] = participant, task
         check_once(root, participant, task, touched)
         touched[participant, task] = {key: sidecar[key] for key in TOUCHED if key in sidecar}
         pattern = escape(path.name.removesuffix("events.tsv")) + "recording-force*_physio.tsv.gz"
         forces[participant, task] = tuple(sorted(path.parent.glob(pattern)))
         levels = _Levels(shown, own, facts["Origin"], facts.get("Format") != storage.DATASET_FORMAT)
-        for row in _events(path, participant, task, levels, sidecar["Rows"]):
-            # A million trials take a third of the memory that they would as rows.
-            for name, value in row.items():
-                columns.setdefault(name, []).append(intern(value) if isinstance(value, str) else value)
+        _extend(columns, _events(path, participant, task, levels, sidecar["Rows"]), texts)
     if not columns:
         raise DatasetError(f"{root} contains no trials", remedy="run a session first, then make the dataset again")
     versions = tuple(of_people(read_versions(root, facts), people))
@@ -139,6 +154,24 @@ def read(root: Path) -> Study:
     )  # fmt: skip
 
 
+def _counted(sessions: Sequence[T], say: Say) -> Iterator[T]:
+    """Yield sessions, and tell how many were read before."""
+    for done, one in enumerate(sessions):
+        if done % EACH == 0:
+            say("Reading the dataset", done, len(sessions))
+        yield one
+
+
+def _extend(columns: dict[str, Any], found: Mapping[str, Sequence[object]], texts: dict[str, str]) -> None:
+    """Add the columns of a session: numbers in a quarter of the memory of a list, texts each once."""
+    for name, values in found.items():
+        if isinstance(values, array):
+            columns.setdefault(name, array("d")).extend(values)
+        else:
+            own = (texts.setdefault(one, one) if isinstance(one, str) else one for one in values)
+            columns.setdefault(name, []).extend(own)
+
+
 def _task(task: str, shown: tuple[str, ...], sidecar: Mapping[str, Any], known: Task | None, beside: Path) -> Task:
     if known is not None and known.presented != shown:
         raise DatasetError(
@@ -154,14 +187,11 @@ def _check_absent(events: Path) -> None:
         )
 
 
-def _check_new(session_id: str, session_ids: Mapping[tuple[str, str], str], sidecar: Path) -> None:
-    for (who, task), known in session_ids.items():
-        if known == session_id:
-            raise DatasetError(
-                sidecar,
-                f"SessionId {known} is also that of participant {who}, task {task}",
-                "keep one of the two sessions",
-            )
+def _check_new(session_id: str, owners: Mapping[str, tuple[str, str]], sidecar: Path) -> None:
+    if session_id in owners:
+        who, task = owners[session_id]
+        what = f"SessionId {session_id} is also that of participant {who}, task {task}"
+        raise DatasetError(sidecar, what, "keep one of the two sessions")
 
 
 def _plan(path: Path) -> tuple[Protocol | None, str]:
@@ -368,73 +398,94 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
             )
 
 
-def _events(path: Path, participant: str, task: str, levels: _Levels, count: int) -> list[dict[str, object]]:
-    columns, lines = _table(path)
+def _events(path: Path, participant: str, task: str, levels: _Levels, count: int) -> dict[str, Sequence[object]]:
+    """Return the columns of a table of trials, by their names in the frame."""
+    header, lines = _table(path)
     own = list(_columns(levels.design))
     if levels.older:
         own = [column for column in own if column in (*NEEDED, *PRESENTED)]
-    if missing := [column for column in own if column not in columns]:
+    if missing := [column for column in own if column not in header]:
         raise DatasetError(path, f"missing columns: {', '.join(missing)}", "make the dataset again")
     if len(lines) != count:
         raise DatasetError(path, f"{plural(len(lines), 'row')}, its sidecar says {count}", "make the dataset again")
-    rows: list[dict[str, object]] = []
-    counted: set[object] = set()
-    for number, line in enumerate(lines, start=2):
-        row = _event(dict(zip(columns, line, strict=True)), f"{path}: line {number}", levels)
-        if row["counted"]:
-            if row["trial"] in counted:
-                raise DatasetError(path, f"trial {row['trial']} counts twice", "let one attempt count", line=number)
-            counted.add(row["trial"])
-        rows.append({"participant": participant, "task": task, **row})
-    return rows
+    cells = {name: [line[place] for line in lines] for place, name in enumerate(header)}
+    _check_choices(path, cells, levels)
+    found = _parsed(path, cells, _presented(levels.design))
+    known: set[object] = set()
+    for number, (trial, counts) in enumerate(zip(found["trial"], found["counted"], strict=True), start=2):
+        if counts and trial in known:
+            raise DatasetError(path, f"trial {trial} counts twice", "let one attempt count", line=number)
+        known |= {trial} if counts else set()
+    return {"participant": [participant] * count, "task": [task] * count, **found}
 
 
-def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, object]:
-    counted = cells["counted"]
-    presented = _presented(levels.design)
+def _check_choices(path: Path, cells: Mapping[str, Sequence[str]], levels: _Levels) -> None:
+    """Raise `DatasetError` for the first cell of a column that is none of those that it may have."""
     answers = (*levels.design.answers, NO_ANSWER)
-    choices = {
-        "counted": ("0", "1"),
-        **dict.fromkeys(presented, levels.presented),
-        "answered": answers if counted == "1" else (*answers, MISSING),
-        "origin": (levels.origin,),
+    choices: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+        "counted": (("0", "1"),) * 2,
+        **dict.fromkeys(_presented(levels.design), (levels.presented,) * 2),
+        "answered": ((*answers, MISSING), answers),
+        "origin": ((levels.origin,),) * 2,
     }
     for column, allowed in choices.items():
-        if cells[column] not in allowed:
-            raise DatasetError(where, f"{column}: got {cells[column]!r}", "correct the row", allowed=", ".join(allowed))
+        for number, (cell, counted) in enumerate(zip(cells[column], cells["counted"], strict=True), start=2):
+            if cell not in (may := allowed[counted == "1"]):
+                where, got = f"{path}: line {number}", f"{column}: got {cell!r}"
+                raise DatasetError(where, got, "correct the row", allowed=", ".join(may))
+
+
+def _parsed(path: Path, cells: Mapping[str, list[str]], presented: Sequence[str]) -> dict[str, Sequence[Any]]:
+    """Return the columns of the frame from the cells of each column."""
+    none = [MISSING] * len(cells["trial"])
+
+    def numbers(column: str, allowed: str = "a number") -> Sequence[float]:
+        return array("d", _each(path, column, cells.get(column, none), partial(_number, allowed=allowed)))
+
+    together = [" | ".join(of) for of in zip(*(cells[column] for column in presented), strict=True)]
+    counted = [cell == "1" for cell in cells["counted"]]
     return {
-        "trial": _whole(cells["trial"], f"{where}: trial"),
-        "attempt": _whole(cells["attempt"], f"{where}: attempt"),
-        "counted": counted == "1",
-        "presented": " | ".join(cells[column] for column in presented),
+        **{column: _each(path, column, cells[column], _whole) for column in ("trial", "attempt")},
+        "counted": counted,
+        "presented": together,
         **{column: cells[column] for column in presented},
         "answered": cells["answered"],
-        "response_time_s": _number(cells["response_time"], f"{where}: response_time", "a number from 0"),
-        **{
-            name: _number(cells.get(column, MISSING), f"{where}: {column}", allowed)
-            for name, (column, allowed) in OF_STEPS.items()
-        },
-        **{name: _number(cells.get(column, MISSING), f"{where}: {column}") for name, column in FURTHER.items()},
-        **{name: _levels_db(cells.get(name, MISSING), f"{where}: {name}") for name in ("sent_thirds", "heard_thirds")},
-        "stimulus_method": cells.get("stimulus_method", MISSING),
-        "heard_of": cells.get("heard_of", " | ".join(cells[column] for column in presented)),
+        "response_time_s": numbers("response_time", "a number from 0"),
+        **{name: numbers(column, allowed) for name, (column, allowed) in OF_STEPS.items()},
+        **{name: numbers(column) for name, column in FURTHER.items()},
+        **{name: _each(path, name, cells.get(name, none), _levels_db) for name in ("sent_thirds", "heard_thirds")},
+        "stimulus_method": cells.get("stimulus_method", none),
+        "heard_of": cells.get("heard_of", together),
         "redo_reason": cells["redo_reason"],
-        "included": counted == "1",
+        "included": counted,
     }
 
 
-def _levels_db(cell: str, where: str) -> tuple[float, ...] | None:
+def _each(path: Path, column: str, cells: Sequence[str], parse: Callable[[str], T]) -> list[T]:
+    """Return what each cell of a column holds. Raises `DatasetError` for the first that `parse` refuses."""
+    known: dict[str, T] = {}
+    for number, cell in enumerate(cells, start=2):
+        if cell not in known:
+            try:
+                known[cell] = parse(cell)
+            except ValueError as error:
+                got, allowed = error.args
+                where = f"{path}: line {number}: {column}"
+                raise DatasetError(where, got, "correct the row", allowed=allowed) from None
+    return [known[cell] for cell in cells]
+
+
+def _levels_db(cell: str) -> tuple[float, ...] | None:
     """Return the levels of third octaves, dB, shape (18,); None for none."""
     parts = [] if cell == MISSING else cell.split(" | ")
     if parts and len(parts) != THIRDS:
-        got = f"got {plural(len(parts), 'level')}"
-        raise DatasetError(where, got, "correct the row", allowed=f"{THIRDS} levels, or {MISSING}")
-    return tuple(_number(part, where) for part in parts) or None
+        raise ValueError(f"got {plural(len(parts), 'level')}", f"{THIRDS} levels, or {MISSING}")
+    return tuple(map(_number, parts)) or None
 
 
-def _whole(cell: str, where: str) -> int:
+def _whole(cell: str) -> int:
     if not (cell.isascii() and cell.isdigit() and len(cell) < 8 and int(cell) > 0):
-        raise DatasetError(where, f"got {cell!r}", "correct the row", allowed="a whole number from 1")
+        raise ValueError(f"got {cell!r}", "a whole number from 1")
     return int(cell)
 
 
@@ -447,7 +498,7 @@ ALLOWED: Mapping[str, Callable[[float], bool]] = {
 """The words of an error -> the check of a value."""
 
 
-def _number(cell: str, where: str, allowed: str = "a number") -> float:
+def _number(cell: str, allowed: str = "a number") -> float:
     if cell == MISSING:
         return math.nan
     try:
@@ -455,7 +506,7 @@ def _number(cell: str, where: str, allowed: str = "a number") -> float:
     except ValueError:
         value = math.nan
     if not ALLOWED[allowed](value):
-        raise DatasetError(where, f"got {cell!r}", "correct the row", allowed=f"{allowed}, or {MISSING}")
+        raise ValueError(f"got {cell!r}", f"{allowed}, or {MISSING}")
     return value
 
 
@@ -466,8 +517,8 @@ NAMED = 5
 """The most participants who are named where several are in two datasets."""
 
 
-def read_pooled(roots: Sequence[Path]) -> Study:
-    """Read the datasets in these folders, and pool them where there are several.
+def read_pooled(roots: Sequence[Path], say: Say = silent) -> Study:
+    """Read the datasets in these folders, and pool them where there are several; `say` gets progress.
 
     Participant 03 of dataset `lab` becomes `lab-03`. Exclusions, plans and trials of each are those of its own
     protocol. Raises `DatasetError` as `read`, and for a folder named twice, different origins, materials, titles or
@@ -477,7 +528,7 @@ def read_pooled(roots: Sequence[Path]) -> Study:
         raise DatasetError(
             f"got the same dataset twice in {', '.join(map(str, roots))}", remedy="name each dataset once"
         )
-    studies = [read(root) for root in roots]
+    studies = [read(root, say) for root in roots]
     return studies[0] if len(studies) == 1 else _pool(studies, _names(roots))
 
 

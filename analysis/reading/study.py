@@ -7,7 +7,7 @@ Repeated attempts and withdrawn participants are left out; rules leave out trial
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from importlib import import_module
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from palpate.experiment.protocol.models import ExclusionRule, PlannedTest, Protocol
 
 ALL_TASKS = "all"
+PLACE = ("participant", "task", "trial", "attempt")
+"""The columns that say which attempt a row is."""
+
 AGAIN = "done again"
 """What is said, in place of a rule, of an attempt that was repeated."""
 
@@ -69,16 +72,17 @@ def exclude(
     rules = tuple(rules)
     found = [
         _attempt(row, AGAIN, f"attempt {row['attempt']} was done again: {row['redo_reason']}")
-        for _, row in attempts[~attempts["counted"]].iterrows()
+        for row in attempts.loc[~attempts["counted"], [*PLACE, "redo_reason"]].to_dict("records")
     ]
     present = set(attempts["participant"])
     found += [
         _whole_participant(label, "no data", "no events in the dataset") for label in withdrawn if label not in present
     ]
     gone = next((rule for rule in rules if rule.when == "withdrawn"), None)
-    for label in (label for label, left in withdrawn.items() if left and label in present):
-        attempts.loc[attempts["participant"] == label, "included"] = False
-        found.append(_whole_participant(label, *((gone.id, gone.reason) if gone else ("withdrawn", "withdrew"))))
+    left = [label for label, withdrew in withdrawn.items() if withdrew and label in present]
+    attempts.loc[attempts["participant"].isin(left), "included"] = False
+    why = (gone.id, gone.reason) if gone else ("withdrawn", "withdrew")
+    found += [_whole_participant(label, *why) for label in left]
     unasked: list[Unasked] = []
     for rule in rules:
         if rule.action == "exclude-trial":
@@ -105,7 +109,7 @@ def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
     return DatasetError(dataset, f"every trial is left out: {told}", "check the exclusion rules of the protocol")
 
 
-def _attempt(row: pd.Series[Any], rule: str, reason: str) -> Exclusion:
+def _attempt(row: Mapping[Hashable, Any], rule: str, reason: str) -> Exclusion:
     return Exclusion(str(row["participant"]), str(row["task"]), int(row["trial"]), int(row["attempt"]), rule, reason)
 
 
@@ -125,11 +129,11 @@ def _unasked(attempts: pd.DataFrame, rule: ExclusionRule, with_objects: Collecti
     left = attempts[attempts["included"]]
     if rule.when == "undelivered":
         left = left[~left["task"].isin(with_objects)]
-    missing = left[column].isna().groupby([left["participant"], left["task"]], sort=False)
+    missing = left[column].isna().groupby([left["participant"], left["task"]], sort=False).agg(["sum", "size"])
     return [
-        Unasked(str(participant), str(task), rule.id, words, int(unknown.sum()), len(unknown))
-        for (participant, task), unknown in missing
-        if unknown.any()
+        Unasked(str(participant), str(task), rule.id, words, int(unknown), int(of))
+        for (participant, task), unknown, of in missing.itertuples(name=None)
+        if unknown
     ]
 
 
@@ -143,11 +147,12 @@ def _trials(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]:
     hit = attempts["included"] & beyond
     attempts.loc[hit, "included"] = False
 
-    def reason(row: pd.Series[Any]) -> str:
+    def reason(row: Mapping[Hashable, Any]) -> str:
         judged = "" if rule.when == "undelivered" else f" ({row[column]:.4g} {unit}, limit {rule.limit:g})"
         return rule.reason + judged
 
-    return [_attempt(row, rule.id, reason(row)) for _, row in attempts[hit].iterrows()]
+    rows = attempts.loc[hit, [*PLACE, column]].to_dict("records")
+    return [_attempt(row, rule.id, reason(row)) for row in rows]
 
 
 def _few_answers(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]:
@@ -155,12 +160,13 @@ def _few_answers(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]
     answered = left[left["answered"] != NO_ANSWER].groupby(["participant", "task"]).size().to_dict()
     sessions = dict.fromkeys(zip(attempts["participant"], attempts["task"], strict=True))
     found: dict[str, Exclusion] = {}
+    present = set(left["participant"])
     for label, task in sessions:
         count = answered.get((label, task), 0)
-        if label in set(left["participant"]) and label not in found and rule.limit is not None and count < rule.limit:
+        if label in present and label not in found and rule.limit is not None and count < rule.limit:
             reason = f"{rule.reason} ({plural(count, 'answered trial')} in {task}, limit {rule.limit:g})"
             found[label] = _whole_participant(label, rule.id, reason)
-            attempts.loc[attempts["participant"] == label, "included"] = False
+    attempts.loc[attempts["participant"].isin(list(found)), "included"] = False
     return list(found.values())
 
 

@@ -63,7 +63,8 @@ def apply_rules(
     for version in versions:
         own = attempts[[session in version.sessions for session in of]].copy()
         latest = version is versions[-1]
-        there = {who: gone for who, gone in withdrawn.items() if who in set(own["participant"])}
+        among = set(own["participant"])
+        there = {who: gone for who, gone in withdrawn.items() if who in among}
         there |= {who: gone for who, gone in withdrawn.items() if latest and who not in present}
         parts.append((own, *_by_rules(own, there, version.protocol)))
     pooled = pd.concat([own for own, _, _ in parts]).sort_index()

@@ -62,33 +62,49 @@ def log_likelihood(
 
     Counts have the shape (participants, C); a participant without trials in a cell has 0 there.
     """
+    start: Floats = np.zeros((len(right), sum(part.shape[1] for part in cells.random)))
+    return _evaluated(right, trials, cells, (coefficients, sds), start)[:2]
+
+
+def _evaluated(
+    right: Integers, trials: Integers, cells: Layout, parameters: tuple[Floats, Floats], start: Floats
+) -> tuple[float, Floats, Floats]:
+    """Return what `log_likelihood` does, and the modes, which are sought from `start`, (participants, Q)."""
+    coefficients, sds = parameters
     z = np.hstack(cells.random)
     owner = np.repeat(np.arange(len(cells.random)), [part.shape[1] for part in cells.random])
     scaled = z * sds[owner]
     fixed = cells.fixed @ coefficients
-    u = _modes(right, trials, fixed, scaled)
+    u = _modes(right, trials, fixed, scaled, start)
     odds = fixed + u @ scaled.T
     share = 1 / (1 + np.exp(-odds))
     weight = trials * share * (1 - share)
-    curvature = np.eye(z.shape[1]) + np.einsum("ci,pc,cj->pij", scaled, weight, scaled)
+    curvature = _curvature(scaled, weight)
     inverse = np.linalg.inv(curvature)
     left = right - trials * share
     value = float((right * odds - trials * np.logaddexp(0, odds)).sum() - (u * u).sum() / 2)
     value -= float(np.linalg.slogdet(curvature)[1].sum()) / 2
     # What the log determinant loses as the odds move, which the mode does not make up for.
-    reach = np.einsum("ci,pij,cj->pc", scaled, inverse, scaled)
+    back = inverse @ scaled.T
+    reach = np.einsum("ci,pic->pc", scaled, back)
     pull = -weight * (1 - 2 * share) * reach / 2
-    back = np.einsum("pij,cj->pic", inverse, scaled)
-    turned = np.einsum("pc,ci,pid,pd->pd", pull, scaled, back, weight)
+    turned = ((pull @ scaled)[:, None] @ back)[:, 0] * weight
     by_coefficient = ((left + pull - turned) @ cells.fixed).sum(axis=0)
     by_sd = np.empty(len(sds))
     for k in range(len(sds)):
         own = np.where(owner == k, z, 0.0)
         moved = u @ own.T
-        shift = np.einsum("pij,pj->pi", inverse, left @ own - np.einsum("ci,pc,pc->pi", scaled, weight, moved))
-        straight = (left * moved).sum() - np.einsum("pic,ci,pc->", back, own, weight)
+        shift = np.einsum("pij,pj->pi", inverse, left @ own - (weight * moved) @ scaled)
+        straight = (left * moved).sum() - (np.einsum("pic,ci->pc", back, own) * weight).sum()
         by_sd[k] = straight + (pull * (moved + shift @ scaled.T)).sum()
-    return value, np.append(by_coefficient, by_sd)
+    return value, np.append(by_coefficient, by_sd), u
+
+
+def _curvature(scaled: Floats, weight: Floats) -> Floats:
+    """Return the curvature by u of minus each participant's log likelihood, shape (participants, Q, Q)."""
+    count = scaled.shape[1]
+    squares = (scaled[:, :, None] * scaled[:, None]).reshape(-1, count * count)
+    return np.asarray(np.eye(count) + (weight @ squares).reshape(-1, count, count))
 
 
 def fit(right: Integers, trials: Integers, cells: Layout) -> MixedLogit:
@@ -99,9 +115,12 @@ def fit(right: Integers, trials: Integers, cells: Layout) -> MixedLogit:
     from scipy.optimize import minimize
 
     people, count, effects = len(right), cells.fixed.shape[1], len(cells.random)
+    u: Floats = np.zeros((people, sum(part.shape[1] for part in cells.random)))
 
     def lost(parameters: Floats) -> tuple[float, Floats]:
-        value, gradient = log_likelihood(right, trials, cells, parameters[:count], parameters[count:])
+        # The modes of the step before are near these.
+        nonlocal u
+        value, gradient, u = _evaluated(right, trials, cells, (parameters[:count], parameters[count:]), u)
         return -value / people, -gradient / people
 
     start = np.append(np.zeros(count), np.full(effects, START_SD))
@@ -119,9 +138,9 @@ def fit(right: Integers, trials: Integers, cells: Layout) -> MixedLogit:
     return MixedLogit(found.x[:count], covariance, np.abs(found.x[count:]), -float(found.fun) * people)
 
 
-def _modes(right: Integers, trials: Integers, fixed: Floats, scaled: Floats) -> Floats:
+def _modes(right: Integers, trials: Integers, fixed: Floats, scaled: Floats, start: Floats) -> Floats:
     """Return each participant's mode of u given the answers, shape (participants, Q), by Newton's method, halved."""
-    u = np.zeros((len(right), scaled.shape[1]))
+    u = np.where(np.isfinite(start), start, 0.0)
 
     def height(at: Floats) -> Floats:
         odds = fixed + at @ scaled.T
@@ -132,8 +151,7 @@ def _modes(right: Integers, trials: Integers, fixed: Floats, scaled: Floats) -> 
         share = 1 / (1 + np.exp(-(fixed + u @ scaled.T)))
         slope = (right - trials * share) @ scaled - u
         weight = trials * share * (1 - share)
-        curvature = np.eye(scaled.shape[1]) + np.einsum("ci,pc,cj->pij", scaled, weight, scaled)
-        step = np.linalg.solve(curvature, slope[..., None])[..., 0]
+        step = np.linalg.solve(_curvature(scaled, weight), slope[..., None])[..., 0]
         tried = height(u + step)
         while (worse := tried < best - 1e-12 * (1 + np.abs(best))).any():
             step[worse] /= 2

@@ -91,13 +91,15 @@ def enrol(
     """
     from palpate.experiment.protocol import files
     from palpate.experiment.protocol.approval import sealing
-    from palpate.experiment.study import enrolment, privacy
+    from palpate.experiment.study import enrolment, privacy, roster
 
     sealing.refuse_unfilled(protocol_file, files.load(protocol_file))
     _check_roster(protocol_file, dataset, pilot=pilot)
     given = _ask_facts(protocol_file, fact or [], {})
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
+    if group := roster.Roster.load(path).groups.get(participant):
+        typer.echo(f"Their group: {group}.")
     _record_sharing(protocol_file, participant, sharing, path.parent.parent)
     _record_facts(protocol_file, participant, given, path.parent.parent)
     if warning := privacy.readers_warning(path.parent.parent):

@@ -222,18 +222,37 @@ def columns(most: int) -> int:
     return max(NARROWEST, min(most, shutil.get_terminal_size((most, 24)).columns))
 
 
+BAR = 30
+"""The width of a progress bar beside words."""
+
+
 @contextmanager
-def working(what: str, *, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """Say what is being computed, at a terminal until it is; yield what says something else there then."""
+def working(what: str, *, quiet: bool = False) -> Iterator[Callable[..., None]]:
+    """Say what is being computed, at a terminal until it is; yield what says something else there then.
+
+    That takes words and, for a bar beside them, how much is done and of how much.
+    """
     from rich.console import Console
 
     console = Console(file=sys.__stderr__)
     if quiet or not console.is_terminal:
         _tell(f"{what} ...", quiet=quiet)
-        yield lambda _: None
+        yield lambda *_: None
         return
+    from rich.progress_bar import ProgressBar
+    from rich.table import Table
+
     with console.status(what) as status:
-        yield status.update
+
+        def say(words: str, done: int = 0, of: int = 0) -> None:
+            line = Table.grid(padding=(0, 1))
+            if of:
+                line.add_row(words, ProgressBar(of, done, width=BAR), f"{done}/{of}")
+            else:
+                line.add_row(words)
+            status.update(line)
+
+        yield say
 
 
 def _tell(words: str, *, quiet: bool) -> None:

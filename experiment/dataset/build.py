@@ -132,6 +132,9 @@ def study_files(root: Path, dataset: Dataset) -> bids.Files:
             who = str(row["participant_id"]).removeprefix("sub-")
             own = facts.simulated(protocol, who) if dataset.plan else facts.answers(root, dataset.people, who)
             row |= {name: value for name, value in own.items() if name in asked}
+    if any(dataset.groups.values()):
+        asked["group"] = import_module("palpate.experiment.protocol.designs.groups").column(protocol)
+        people = [row | {"group": dataset.groups[str(row["participant_id"]).removeprefix("sub-")]} for row in people]
     simulated = origin in ("PRACTICE", "REHEARSAL")
     of_kind, folder = f"{protocol.tasks[0].kind}.toml", Path(__file__).with_name("kinds")
     readme: dict[str, str] = {}

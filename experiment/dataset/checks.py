@@ -74,10 +74,10 @@ class Dataset(Sessions):
 
     A simulation has a `plan`, a study a `roster`, and `approvals` once a session began or an approval was amended.
     `protocol` is the version of the latest, `versions` has every version by its hash. `tasks` are those of every
-    participant in order, concealed until they begin. `sessions` are the headers of journals that fit, `under_way` those
-    of them without a footer at their end, `withdrawals` the ones that record that their participant withdrew. `begun`
-    are the journals of every session, damaged ones too, and `damage` is what is wrong with single ones. Sessions of
-    which one is refused are not `whole`.
+    participant in order, concealed until they begin, `groups` their groups, empty without any. `sessions` are the
+    headers of journals that fit, `under_way` those of them without a footer at their end, `withdrawals` the ones that
+    record that their participant withdrew. `begun` are the journals of every session, damaged ones too, and `damage` is
+    what is wrong with single ones. Sessions of which one is refused are not `whole`.
     """
 
     protocol: Protocol
@@ -92,6 +92,7 @@ class Dataset(Sessions):
     withdrawals: frozenset[Path] = frozenset()
     begun: frozenset[Path] = frozenset()
     damage: tuple[Finding, ...] = ()
+    groups: Mapping[str, str] = field(default_factory=dict)
     whole: bool = True
 
     @property
@@ -266,14 +267,17 @@ def _expected(root: Path) -> Dataset:
         roster = Roster.load(storage.roster_path(root))
         versions = {approval.sha256(protocol): protocol, **dict(_later_versions(root, roster))}
         *_, latest = versions.values()
-        tasks = {one.participant: one.tasks for one in allocated(latest, seed, roster.takes)}
+        drawn = allocated(latest, seed, roster.takes)
+        tasks, groups = ({one.participant: one.tasks for one in drawn}, {one.participant: one.group for one in drawn})
         known = None
         if roster.approved or any(storage.size(path) for path in storage.journals(root)):
             # Nobody was run under the first approval where an amendment came before the first session.
             if not roster.approved or approval.seal_path(kept).exists():
                 approval.dataset_seal(kept, protocol)
             known = roster.approvals(approvals.read_first(root))
-        return Dataset(root, latest, purpose, seed, tasks, roster=roster, approvals=known, versions=versions)
+        return Dataset(
+            root, latest, purpose, seed, tasks, roster=roster, approvals=known, versions=versions, groups=groups
+        )
     try:
         plan = Plan.model_validate_json(storage.read_bytes(plan_file))
     except (OSError, ValidationError) as error:
@@ -285,8 +289,9 @@ def _expected(root: Path) -> Dataset:
             raise DatasetError(path, f"stands in the dataset of {plan.what}", "take it out of there", allowed="none")
     if plan.protocol_sha256 != approval.sha256(protocol):
         raise DatasetError(kept, f"is not the protocol of this {plan.label}", "restore it, or begin anew")
-    tasks = {one.participant: one.tasks for one in allocate(protocol, plan.seed)[: plan.participants]}
-    return Dataset(root, protocol, plan.label, plan.seed, tasks, plan)
+    drawn = allocate(protocol, plan.seed)[: plan.participants]
+    tasks, groups = ({one.participant: one.tasks for one in drawn}, {one.participant: one.group for one in drawn})
+    return Dataset(root, protocol, plan.label, plan.seed, tasks, plan, groups=groups)
 
 
 def _later_versions(root: Path, roster: Roster) -> Iterator[tuple[str, Protocol]]:
@@ -487,8 +492,14 @@ def _tables_alone(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _lost_sessions(dataset: Dataset) -> Iterator[Finding]:
-    """Yield participants, or the first task of one, whom a table knows and of whom no journal is there."""
+    """Yield participants, or the first task of one, whom a table knows and of whom no journal is there, and those in
+    another group than was drawn.
+    """
     root, table = dataset.root, dataset.root / "participants.tsv"
+    for who in dataset.people.consent_on:
+        if (got := dataset.people.groups.get(who, "")) != (drawn := dataset.groups.get(who, "")):
+            what = f"participant {who} is in the group '{got}', and '{drawn}' was drawn"
+            yield Finding(what, dataset.people.path, remedy="restore roster and protocol from a backup")
     for row in table_rows(table):
         participant, first = row.get("participant_id", "").removeprefix("sub-"), row.get("first_task", "")
         tasks = dataset.tasks.get(participant, ())

@@ -46,12 +46,16 @@ State = Literal["to begin", "under way", "done", "withdrawn", "doubted"]
 
 @dataclass(frozen=True)
 class Person:
-    """One participant's tasks in order, concealed until one has begun, and progress; `doubted` for a bad journal."""
+    """One participant's tasks in order, concealed until one has begun, and progress; `doubted` for a bad journal.
+
+    `group` is empty in a study without groups.
+    """
 
     participant: str
     order: tuple[str, ...]
     state: State
     begun: tuple[Progress, ...]
+    group: str = ""
 
     @property
     def task(self) -> Progress | None:
@@ -133,6 +137,13 @@ class Status:
                 found.setdefault(one.order, Counter()).update(["begun", one.state, *["excluded"] * left_out])
         return dict(sorted(found.items()))
 
+    def groups(self) -> dict[str, Counter[State]]:
+        """Return how many participants of each group are in each state; nothing in a study without groups."""
+        found: dict[str, Counter[State]] = {}
+        for one in self.people if any(one.group for one in self.people) else ():
+            found.setdefault(one.group, Counter()).update([one.state])
+        return dict(sorted(found.items()))
+
     def as_dict(self) -> dict[str, object]:
         """Return the document for programs, as `participants/README.md` tells it."""
         due = next(iter(self.those("to begin")), None)
@@ -167,6 +178,7 @@ class Status:
                 {"tasks": order, **{column.replace(" ", "_"): counts[column] for column in TABLE}}
                 for order, counts in self.orders().items()
             ],
+            **({"groups": groups} if (groups := self.groups()) else {}),
             "incidents": [one.model_dump(mode="json") for one in self.incidents],
             "doubts": [one.sentence(self.root) for one in self.doubts],
             "reminders": [one.sentence(self.root) for one in self.reminders],
@@ -193,6 +205,7 @@ class Status:
                 *wrap(f"Excluded by the protocol's rules, of those done: {left_out}.", COLUMNS),
                 "",
                 *self._table(),
+                *_listed("Groups:", [f"{name}: {_states(counts)}" for name, counts in self.groups().items()]),
                 *_listed("Revealed before a session:", [f"{who}, on {day}." for who, day in self.revealed.items()]),
                 *_listed("Under way:", [one.standing for one in under_way]),
                 *_listed("Next:", come),
@@ -287,7 +300,7 @@ def status(given: Path, today: date) -> Status:
             state = "doubted"
         elif begun:
             state = "done" if len([one for one in begun if one.complete]) == len(order) else "under way"
-        people.append(Person(participant, order, state, begun))
+        people.append(Person(participant, order, state, begun, dataset.groups.get(participant, "")))
     sealed, wanted = "Nobody has to approve a simulation.", list[Finding]()
     if known is not None:
         sealed, wanted = _seal(root, protocol_file, dataset, people, today)
@@ -451,6 +464,12 @@ def _due(root: Path, keep_until: Mapping[str, date], today: date) -> Iterator[Fi
         what = f"The data of {_people(soon)} may be kept until {min(soon.values())}, as the protocol says"
         words = "be ready to erase them after that day ({} for each), or to delete the dataset by hand"
         yield Finding(what, remedy=Remedy(words, erase, suffices=False))
+
+
+def _states(counts: Counter[State]) -> str:
+    """Return a group in words: how many enrolled, and how many of them are in each state that somebody is in."""
+    told = ", ".join(f"{counts[state]} {state}" for state in STATES if counts[state])
+    return f"{counts.total()} enrolled, {told}."
 
 
 def _people(labels: Collection[str]) -> str:

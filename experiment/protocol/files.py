@@ -39,12 +39,14 @@ def _docstring() -> str:
         + "".join(f"\n        {name}: what trials of `{name}` need, in a study of these." for name in _tables())
         + "\n        asked: what participants are asked beside the trials."
         + "\n        factors: what stimuli differ in, crossed."
+        + "\n        groups: into which participants are drawn."
     )
 
 
 _LATER: dict[str, Any] = {
     "asked": (import_module(f"{__package__}.asked").Asked | None, Field(None, json_schema_extra={"since": 7})),
     "factors": (import_module(f"{__package__}.designs.factors").Factors, Field((), json_schema_extra={"since": 7})),
+    "groups": (import_module(f"{__package__}.designs.groups").Groups, Field((), json_schema_extra={"since": 7})),
 }
 
 ProtocolFile = create_model(

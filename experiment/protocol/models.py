@@ -452,7 +452,7 @@ class PlannedTest(Confined):
             equivalent pairs.
         materials: those tested; else all presented, but for a one-way ANOVA the most confused pair, exploratory. Not in
             format 2.
-        groups: the fact of `[[asked.people]]` whose values are the groups.
+        groups: the fact of `[[asked.people]]` whose values are the groups, or `group`: `[[groups]]`.
     """
 
     RULES: ClassVar[Rules] = rules.planned_test

@@ -46,6 +46,7 @@ BESIDE = {
     "control": "designs.controls",
     "asked": "asked",
     "factors": "designs.factors",
+    "groups": "designs.groups",
 }
 """Keys of a study or a task whose own module has their rules."""
 

@@ -149,6 +149,7 @@ def _refuse_other_study(root: Path, protocol_file: Path, roster: Roster, old: Pr
             ("ids, kinds and designs of tasks", _shape(old), _shape(new)),
             ("ids of materials", [one.id for one in old.materials], [one.id for one in new.materials]),
             ("materials of a task", _materials_of_tasks(old), _materials_of_tasks(new)),
+            ("ids of groups", _groups(old), _groups(new)),
             ("number of digits of labels", len(labels(old)[0]), len(labels(new)[0])),
         )
         if was != now
@@ -162,6 +163,10 @@ def _refuse_other_study(root: Path, protocol_file: Path, roster: Roster, old: Pr
         if tasks[0].get(who) != tasks[1].get(who):
             what = f"participant {who} would do other tasks, or in another order, than was drawn when they enrolled"
             raise DatasetError(protocol_file, what, "leave task_order and the participants of tasks as they were")
+
+
+def _groups(protocol: Protocol) -> list[str]:
+    return [one.id for one in getattr(protocol, "groups", ())]
 
 
 def _shape(protocol: Protocol) -> list[tuple[str, str, str]]:

@@ -27,7 +27,7 @@ from palpate.experiment.records.progress import progress
 from palpate.experiment.study import approvals, people
 from palpate.experiment.study.approvals import Approved
 from palpate.experiment.study.roster import Roster, check_consent
-from palpate.experiment.study.schedule import allocated, labels, stranger
+from palpate.experiment.study.schedule import allocated, find_allocation, labels, stranger
 
 LOCK = ".study.lock"
 
@@ -87,7 +87,9 @@ def enrol(
         begun = _read_settled(root)
         all_approvals = known.approvals(approvals.read_first(root))
         number = all_approvals.version_on(consent_on) if consent_on else 1
-        known.enrol(participant, consent_on, takes, begun.salt and begun.sha256, number)
+        places = known.takes | ({participant: takes} if takes else {})
+        drawn = find_allocation(allocated(protocol, begun.seed, places), participant)
+        known.enrol(participant, consent_on, takes, begun.salt and begun.sha256, number, drawn.group)
     return path
 
 
@@ -343,7 +345,7 @@ def may_follow(root: Path, protocol: Protocol) -> bool:
     if not kept.exists() or _is_version(root, protocol):
         return False
     same = files.load(kept).study.id == protocol.study.id and {*known.consent_on} <= {*labels(protocol)}
-    fixed = approvals.has_begun(root) or any(known.consent_on.values()) or known.facts
+    fixed = approvals.has_begun(root) or any(known.consent_on.values()) or known.facts or known.groups
     return same and not fixed
 
 

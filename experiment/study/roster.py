@@ -37,6 +37,10 @@ Number = Annotated[int, Field(ge=1)]
 """The number of the approval that began the version to which somebody consented; lines of format 1 have none."""
 
 
+Group = Annotated[str, Field(exclude_if=lambda name: not name)]
+"""The group into which somebody was drawn; the lines of a study without groups have none."""
+
+
 class Enrolled(Entry):
     """A participant took up the next place of the study."""
 
@@ -44,6 +48,7 @@ class Enrolled(Entry):
     participant: str
     consent_on: date | None
     approval: Number = 1
+    group: Group = ""
 
 
 class First(Entry):
@@ -54,6 +59,7 @@ class First(Entry):
     participant: str
     consent_on: date | None
     seed_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    group: Group = ""
 
 
 class Replacing(Entry):
@@ -64,6 +70,7 @@ class Replacing(Entry):
     consent_on: date | None
     approval: Number = 1
     takes: str
+    group: Group = ""
 
 
 class Consented(Entry):
@@ -178,7 +185,8 @@ class Roster:
     ended them, and `consented` the number of the approval to whose version each participant consented. `consents` has
     the days of all their consents, as corrected. `incidents` are adverse events and deviations, which name nobody.
     `eligible` has the hash of the criteria that each participant was confirmed to meet, `facts` that of the file of
-    what they were asked about themselves. `now_ns` tells the time of a new line.
+    what they were asked about themselves; `groups` the group of each, where a study has groups. `now_ns` tells the time
+    of a new line.
     """
 
     path: Path
@@ -197,6 +205,7 @@ class Roster:
     incidents: list[Incident] = field(default_factory=list)
     eligible: dict[str, str] = field(default_factory=dict)
     facts: dict[str, str] = field(default_factory=dict)
+    groups: dict[str, str] = field(default_factory=dict)
     seed_sha256: str | None = None
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
@@ -232,19 +241,21 @@ class Roster:
         takes: str | None = None,
         seed_sha256: str | None = None,
         approval: int = 1,
+        group: str = "",
     ) -> None:
         """Enrol the next participant, on disk when this returns; `consent_on` is None without consent, which is to the
-        version that `approval` began.
+        version that `approval` began. `group` is theirs, in a study with groups.
 
         `seed_sha256` is the hash of the seed, for the first line. Raises `RosterError` if the label is not the next
         one, which keeps tasks balanced, or if the place that it `takes` is not free.
         """
+        who = {"participant": participant, "consent_on": consent_on, "group": group}
         if seed_sha256 is not None and not self.consent_on:
-            self._append(First, participant=participant, consent_on=consent_on, seed_sha256=seed_sha256)
+            self._append(First, **who, seed_sha256=seed_sha256)
         elif takes is None:
-            self._append(Enrolled, participant=participant, consent_on=consent_on, approval=approval)
+            self._append(Enrolled, **who, approval=approval)
         else:
-            self._append(Replacing, participant=participant, consent_on=consent_on, approval=approval, takes=takes)
+            self._append(Replacing, **who, approval=approval, takes=takes)
 
     def consent(self, participant: str, consent_on: date, approval: int = 1) -> None:
         """Record a consent to the version that `approval` began.
@@ -455,6 +466,8 @@ class Roster:
                         f"the place of participant {entry.takes} is not free", remedy=f"enrol {participant} again"
                     )
                 self.takes[participant] = entry.takes
+            if entry.group:
+                self.groups[participant] = entry.group
             self._set_consent(participant, entry.consent_on, 1 if isinstance(entry, First) else entry.approval)
             return
         if isinstance(entry, Revealed):

@@ -1,7 +1,7 @@
 """Which tasks each participant does and the trials of a task, both in order, and the random choices behind them.
 
 Those who enrol first do the tasks with fewer participants. Orders of tasks are allocated by permuted blocks: each block
-holds every order once, shuffled, so the orders balance after every block.
+holds every order once, shuffled, so the orders balance after every block. So are groups, and orders within each group.
 
 A choice is a pure function of its purpose: its bits are SHA-256 in counter mode. Every pair of materials is presented
 half of the time in either order, at shuffled places of the task or, with some levels, of a few of its trials. `runs`
@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import permutations
 from typing import Any, TypeVar
@@ -116,10 +116,13 @@ def block_trials(protocol: Protocol, task_id: str) -> int:
 
 @dataclass(frozen=True)
 class Allocation:
-    """What one participant does: their label, and the ids of their tasks in the order in which they do them."""
+    """What one participant does: their label, the ids of their tasks in the order in which they do them, and their
+    group, empty in a study without groups.
+    """
 
     participant: str
     tasks: tuple[str, ...]
+    group: str = ""
 
 
 def labels(protocol: Protocol) -> tuple[str, ...]:
@@ -130,32 +133,41 @@ def labels(protocol: Protocol) -> tuple[str, ...]:
 
 
 def allocate(protocol: Protocol, seed: int) -> tuple[Allocation, ...]:
-    """Return what every participant does, in order of enrolment; drawn from the seed and the tasks' ids alone."""
+    """Return what every participant does, in order of enrolment, from the seed and the ids of tasks and groups."""
     blocks: dict[tuple[str, ...], Iterator[tuple[str, ...]]] = {}
+    groups = _groups([one.id for one in getattr(protocol, "groups", ())], seed)
     allocations = []
     for place, participant in enumerate(labels(protocol)):
         tasks = tuple(task.id for task in protocol.tasks if place < task.participants)
+        group = next(groups, "")
         if protocol.task_order.kind == "counterbalanced":
-            if tasks not in blocks:
-                blocks[tasks] = _permuted_blocks(tasks, seed)
-            tasks = next(blocks[tasks])
-        allocations.append(Allocation(participant, tasks))
+            if (stratum := (group, *tasks)) not in blocks:
+                draws = Draws("task orders in a group", seed, *stratum) if group else Draws("task orders", seed, *tasks)
+                blocks[stratum] = _permuted_blocks(tasks, draws)
+            tasks = next(blocks[stratum])
+        allocations.append(Allocation(participant, tasks, group))
     return tuple(allocations)
 
 
 def allocated(protocol: Protocol, seed: int, takes: Mapping[str, str]) -> tuple[Allocation, ...]:
     """Return what `allocate` returns, and what those do who took the places of others, as `Roster.takes` says."""
-    tasks = {one.participant: one.tasks for one in allocate(protocol, seed)}
+    found = {one.participant: one for one in allocate(protocol, seed)}
     for participant, place in takes.items():
-        if place in tasks:
-            tasks.setdefault(participant, tasks[place])
-    return tuple(Allocation(participant, its) for participant, its in tasks.items())
+        if place in found:
+            found.setdefault(participant, replace(found[place], participant=participant))
+    return tuple(found.values())
 
 
-def _permuted_blocks(tasks: tuple[str, ...], seed: int) -> Iterator[tuple[str, ...]]:
-    draws = Draws("task orders", seed, *tasks)
+def _permuted_blocks(tasks: tuple[str, ...], draws: Draws) -> Iterator[tuple[str, ...]]:
     while True:
         yield from draws.shuffled(tuple(permutations(tasks)))
+
+
+def _groups(names: Sequence[str], seed: int) -> Iterator[str]:
+    """Yield the group of each participant, in order of enrolment; none in a study without groups."""
+    draws = Draws("groups", seed)
+    while names:
+        yield from draws.shuffled(names)
 
 
 def find_allocation(allocations: Sequence[Allocation], participant: str) -> Allocation:

@@ -1,8 +1,9 @@
 """What an analysis costs: run `python -m tests.benchmarks.analyse`; time and peak memory of the whole command.
 
 The published study from a cold start, with and without figures; then 1,000 simulated participants, once as counts
-without any order and once as trials with times and speeds. Each run is a process of its own. Not a test of speed: the
-figures belong to the machine that printed them.
+without any order and once as trials with times and speeds. With numbers, such as `1000 2000 10000`, it takes so many
+participants with 104 trials each instead, to show how the cost grows: 10,000 of them have a million. Each run is a
+process of its own. Not a test of speed: the figures belong to the machine that printed them.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ from palpate.experiment.records.software import this
 
 ROOT = Path(__file__).parents[2]
 PARTICIPANTS, REPETITIONS, RUNS = 1000, 10, 5
+MANY = 13
+"""Repetitions where it is asked how the cost grows."""
+
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
 RATIOS = {
     "virtual": ((0.79, 0.02, 0.04, 0.15), (0.08, 0.44, 0.14, 0.34), (0.06, 0.17, 0.64, 0.13), (0.2, 0.29, 0.2, 0.31)),
@@ -33,14 +37,13 @@ RATIOS = {
 """Near the ratios of Okamoto's Tables 1 and 2, so that the analysis has as much to do as with the paper's data."""
 
 
-def answers(task: str) -> np.ndarray:
-    """Index of the answer of every participant, material and repetition."""
+def answers(task: str, shape: tuple[int, int]) -> np.ndarray:
+    """Index of the answer of every participant, material and repetition; of so many participants and repetitions."""
     rng = np.random.default_rng([1, list(RATIOS).index(task)])
-    shape = (PARTICIPANTS, REPETITIONS)
     return np.stack([rng.choice(len(MATERIALS), size=shape, p=row) for row in RATIOS[task]], axis=1)
 
 
-def counts_dataset(folder: Path) -> Path:
+def counts_dataset(folder: Path, shape: tuple[int, int]) -> Path:
     """As `palpate import-counts` makes it."""
     pairs = {}
     for task in RATIOS:
@@ -48,7 +51,7 @@ def counts_dataset(folder: Path) -> Path:
         with pairs[task].open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(counts_file.COLUMNS)
-            for who, rows in enumerate(answers(task), start=1):
+            for who, rows in enumerate(answers(task, shape), start=1):
                 for shown, said in zip(MATERIALS, rows, strict=True):
                     found = np.bincount(said, minlength=len(MATERIALS)).tolist()
                     writer.writerows(
@@ -59,24 +62,25 @@ def counts_dataset(folder: Path) -> Path:
     )
 
 
-def trials_dataset(folder: Path) -> Path:
+def trials_dataset(folder: Path, shape: tuple[int, int]) -> Path:
     """As a rehearsal makes it, without sessions behind it."""
     root = folder / "trials"
     readme = "Simulated answers for a benchmark. " * 6
     text = DatasetText("simulated", "Simulated", "REHEARSAL", "CC0-1.0", ("Nobody",), tuple(RATIOS), readme, this())
     write_files(description(root, text))
-    labels = [f"{number:04}" for number in range(1, PARTICIPANTS + 1)]
+    people_count, repetitions = shape
+    labels = [f"{number:0{len(str(people_count))}}" for number in range(1, people_count + 1)]
     first = ("virtual", "real")
     people = ({"participant_id": f"sub-{who}", "first_task": first[int(who) % 2], "withdrawn": False} for who in labels)
     write_files(participants(root, people, origin="REHEARSAL"))
     rng = np.random.default_rng(2)
     for task in RATIOS:
-        said = answers(task)
+        said = answers(task, shape)
         described = {material: material for material in MATERIALS}
         software = {"SoftwareName": "palpate"}
         words = TaskText(task, f"{task.title()} materials", "A task.", "Say it.", described, software, "REHEARSAL")
         for place, who in enumerate(labels):
-            order = rng.permutation(len(MATERIALS) * REPETITIONS)
+            order = rng.permutation(len(MATERIALS) * repetitions)
             rows = (
                 {
                     "onset": 5.0 * number,
@@ -84,8 +88,8 @@ def trials_dataset(folder: Path) -> Path:
                     "trial": number,
                     "attempt": 1,
                     "counted": True,
-                    "presented": MATERIALS[cell // REPETITIONS],
-                    "answered": MATERIALS[said[place, cell // REPETITIONS, cell % REPETITIONS]],
+                    "presented": MATERIALS[cell // repetitions],
+                    "answered": MATERIALS[said[place, cell // repetitions, cell % repetitions]],
                     "response_time": round(float(rng.gamma(4, 0.4)), 6),
                     "foot_speed": round(float(rng.uniform(60, 350)), 3),
                     "frames_lost": 0,
@@ -121,17 +125,28 @@ def lines(folder: Path) -> Iterator[str]:
         cost = f"busy {statistics.median(busy):.2f} s, {max(memory):.0f} MB"
         yield f"okamoto2012 {flag}: {statistics.median(taken):.2f} s ({spread}), {cost}"
     for make in (counts_dataset, trials_dataset):
-        dataset = make(folder)
+        dataset = make(folder, (PARTICIPANTS, REPETITIONS))
         for flag in ("--no-figures", "--figures"):
             taken_s, busy_s, memory_mb = run("analyse", str(dataset), flag, "--out", f"{out}-{dataset.name}")
             cost = f"{taken_s:.1f} s, busy {busy_s:.1f} s, {memory_mb:.0f} MB"
             yield f"{PARTICIPANTS} participants, {dataset.name}, {flag}: {cost}"
 
 
+def growth(folder: Path, people: int) -> str:
+    """What so many participants cost, without figures."""
+    dataset = trials_dataset(folder, (people, MANY))
+    taken_s, busy_s, memory_mb = run("analyse", str(dataset), "--no-figures", "--out", str(folder / "out"))
+    trials = people * MANY * len(MATERIALS) * len(RATIOS)
+    return f"{people} participants, {trials} trials: {taken_s:.1f} s, busy {busy_s:.1f} s, {memory_mb:.0f} MB"
+
+
 def main() -> None:
     """Print the figures."""
+    for people in map(int, sys.argv[1:]):
+        with tempfile.TemporaryDirectory() as folder:
+            print(growth(Path(folder), people), flush=True)
     with tempfile.TemporaryDirectory() as folder:
-        for line in lines(Path(folder)):
+        for line in () if sys.argv[1:] else lines(Path(folder)):
             print(line, flush=True)
 
 

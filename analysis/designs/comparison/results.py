@@ -230,7 +230,8 @@ def _task(study: Study, task: Task, printed: Published | None) -> TaskComparison
     trials = study.trials(task.id)
     answered = trials[trials["answered"] != NO_ANSWER]
     place = {material: index for index, material in enumerate(study.materials)}
-    people = tuple(who for who in study.participants if who in set(trials["participant"]))
+    present = set(trials["participant"])
+    people = tuple(who for who in study.participants if who in present)
     data = Comparisons(
         first=_codes(answered["first"], place),
         second=_codes(answered["second"], place),

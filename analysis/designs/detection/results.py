@@ -256,8 +256,8 @@ def _task(study: Study, task: Task, own: Detection) -> TaskDetections:
     said["lead"] = is_signal[shown[0]]
     said["claimed"] = said["answered"].isin((YES, FIRST))
     tracks, catches = [], []
-    for who in [one for one in study.participants if one in set(said.loc[said["included"], "participant"])]:
-        theirs = said[said["participant"] == who]
+    of = dict(list(said.groupby("participant")))
+    for who, theirs in ((one, of[one]) for one in study.participants if one in of and of[one]["included"].any()):
         none = theirs[theirs["signal"].isna() & theirs["included"]]
         protocol = next(one for part in study.parts if who in part.participants if (one := part.plan(who, task.id)))
         caught = Catches(who, len(none), int(none["claimed"].sum()))

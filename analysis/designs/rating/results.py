@@ -136,8 +136,9 @@ def _task(study: Study, task: Task, magnitudes: dict[str, float]) -> TaskRatings
     trials = study.trials(task.id)
     rated = trials[trials["answered"] != NO_ANSWER]
     numbers = rated.assign(rating=rated["answered"].astype("float64"))
+    present = set(rated["participant"])
     table = numbers.pivot_table("rating", "participant", "presented").reindex(
-        index=[who for who in study.participants if who in set(rated["participant"])], columns=list(task.presented)
+        index=[who for who in study.participants if who in present], columns=list(task.presented)
     )
     people = tuple(_person(who, row, rated, magnitudes) for who, row in zip(table.index, table.to_numpy(), strict=True))
     whole = table.dropna().to_numpy()

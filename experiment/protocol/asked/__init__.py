@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from palpate.experiment.protocol.designs.groups import COLUMN, groups
 from palpate.experiment.protocol.kinds import list_at, number_at, table_at, tables_at
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import DEVICES, NO_DEVICE
@@ -245,7 +246,9 @@ class Asked(Confined):
 
 
 def values(protocol: Protocol, fact: str) -> tuple[str, ...]:
-    """Return what may be chosen of a fact about people; nothing where the protocol does not ask it."""
+    """Return what may be chosen of a fact about people, or the drawn groups; nothing where a protocol has neither."""
+    if fact == COLUMN and (drawn := groups(protocol)):
+        return tuple(one.id for one in drawn)
     asked = protocol.find(Asked)
     return next((one.values for one in asked.people if one.id == fact), ()) if asked else ()
 

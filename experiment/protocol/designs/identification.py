@@ -30,10 +30,10 @@ def _rules(table: Table) -> Iterator[Broken]:
     """In the design `identification` every material has `key` and `spoken`, `order of tasks` is `counterbalanced`.
 
     The `correction` of `sign flips between tasks` and `difference of groups`, and of no other test, is `tasks`. Groups
-    are the values of a `choice` of `[[asked.people]]`.
+    are the values of a `choice` of `[[asked.people]]`, or, as `group`, `[[groups]]`.
     """
     known = {one.get("id"): one.get("answer") for _, one in tables_at(table_at(table, "asked"), "people")}
-    chosen = [name for name, answer in known.items() if answer == "choice"]
+    chosen = [name for name, answer in known.items() if answer == "choice"] + ["group"] * bool(table.get("groups"))
     for i, one in tables_at(table, "materials"):
         if one.get("key") is None:
             yield Broken(("materials", i, "key"), "one ASCII character: participants name the material")
@@ -45,7 +45,8 @@ def _rules(table: Table) -> Iterator[Broken]:
             test.get("correction"),
         )
         if (groups := test.get("groups")) is not None and groups not in chosen:
-            allowed = f"the id of a choice of [[asked.people]], one of: {', '.join(map(str, chosen)) or 'none'}"
+            own = ", ".join(map(str, chosen)) or "none"
+            allowed = f"the id of a choice of [[asked.people]], or 'group' for [[groups]], one of: {own}"
             yield Broken(("analysis", i, "groups"), allowed)
         if family is not None and paired != (family == "tasks"):
             yield Broken(("analysis", i, "correction"), "tasks" if paired else "one of: materials, materials and tasks")

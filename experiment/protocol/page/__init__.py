@@ -278,6 +278,8 @@ def _procedure(protocol: Protocol) -> Iterator[Block]:
             "Participants who do several tasks do them in counterbalanced order: every order is given to the same "
             "number of participants, by permuted blocks, so that the orders stay balanced while participants enrol."
         )
+    if getattr(protocol, "groups", ()):
+        yield from import_module("palpate.experiment.protocol.designs.groups").blocks(protocol)
     if len({task.participants for task in tasks}) > 1:
         yield Said("If a task has fewer participants than the study, those who enrol first do it.")
     yield Said(f"The break between two tasks lasts at least {number(pause_s)} s ({_minutes(pause_s)}).")
@@ -551,7 +553,8 @@ def advice(protocol: Protocol) -> tuple[Finding, ...]:
     checks = (_unasked_consent, _chances, _open_anovas, _too_few, _orders, _duration, _levels_advice)
     words = kind_words(protocol.tasks[0]), design_words(protocol.tasks[0])
     odd = (mismatch(field, None, got, allowed) for one in words for field, got, allowed in one.odd(protocol))
-    return (*(problem for check in checks for problem in check(protocol)), *odd)
+    drawn = import_module("palpate.experiment.protocol.designs.groups").advice(protocol)
+    return (*(problem for check in checks for problem in check(protocol)), *drawn, *odd)
 
 
 def _unasked_consent(protocol: Protocol) -> Iterator[Finding]:

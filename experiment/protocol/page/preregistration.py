@@ -66,7 +66,8 @@ def _form(
             "Study type": [
                 Said(
                     "Experiment: within participants, who each do every task that is theirs, with trials in random "
-                    "order. Nothing is assigned between participants but the order of tasks."
+                    "order. Nothing is assigned between participants but the order of tasks"
+                    f"{' and their group' if getattr(protocol, 'groups', ()) else ''}."
                 )
             ],
             "Blinding": [

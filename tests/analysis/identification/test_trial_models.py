@@ -158,6 +158,22 @@ def test_the_mixed_logit_is_at_maximum_likelihood() -> None:
     assert found.spread == pytest.approx(np.exp(best.x[4]), abs=2e-4)
 
 
+def test_the_mixed_logit_is_the_same_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = _cbpp()
+    order = np.random.default_rng(1).permutation(data.correct.size)
+    mingled = replace(
+        data, correct=data.correct[order], matrix=data.matrix[order], participants=data.participants[order]
+    )
+    whole = mixed(data)
+    monkeypatch.setattr("palpate.analysis.identification.trial_models.HELD", 100)
+    parts = mixed(mingled)
+    assert [one.estimate for one in parts.coefficients] == pytest.approx(
+        [one.estimate for one in whole.coefficients], abs=1e-5
+    )
+    assert [one.error for one in parts.coefficients] == pytest.approx([one.error for one in whole.coefficients], 1e-4)
+    assert parts.spread == pytest.approx(whole.spread, abs=1e-5)
+
+
 @pytest.mark.parametrize("sd", [0.0, 0.3, 1.0, 3.0])
 def test_the_likelihood_is_that_of_a_fine_trapezoid(sd: float) -> None:
     """The integral over the intercept by its definition, in 4,000 steps from -10 to 10 SD."""

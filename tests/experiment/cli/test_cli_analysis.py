@@ -141,5 +141,6 @@ def test_a_terminal_is_told_what_is_being_computed_and_a_pipe_is_not(
     monkeypatch.setattr(sys, "__stderr__", told)
     with options.working("Reading the dataset") as say:
         say("Drawing figures")
-    assert ("Drawing figures" in told.getvalue()) == terminal
+        say("Reading", 50, 200)
+    assert ("50/200" in told.getvalue()) == terminal
     assert capsys.readouterr() == ("", "")

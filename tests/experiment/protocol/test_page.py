@@ -226,6 +226,7 @@ GROUPED = ProtocolFile.model_validate(
         ("analysis",),
         ({**SAME, "test": "difference of groups", "tasks": ("one",), "margin": None, "groups": "sex"},),
     )
+    | {"groups": tuple({"id": name, "description": f"{name} first"} for name in ("shod", "bare"))}
 )
 
 CASES += [
