@@ -5,7 +5,7 @@ Modules of commands have no `from __future__ import annotations`, so that Typer 
 
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import date
 from pathlib import Path
@@ -76,6 +76,9 @@ TimeColumn = Annotated[
 Rate = Annotated[
     float | None,
     typer.Option("--rate", metavar="HZ", help="Sampling rate, for a file without times [default: by its times]."),
+]
+Section = Annotated[
+    str | None, typer.Option("--section", help="Name or number (from 1) of one of several tables in a text file.")
 ]
 
 
@@ -297,3 +300,28 @@ def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[..., None], 
     finally:
         if bar is not None:
             bar.stop()
+
+
+@contextmanager
+def shares(*, quiet: bool) -> Iterator[Callable[[float], None]]:
+    """Show a progress bar in percent; yield what takes the share that is done."""
+    with progress("%", quiet=quiet) as (begin, advance):
+        begin(100)
+        reached = 0
+
+        def done(share: float) -> None:
+            nonlocal reached
+            while reached < int(share * 100):
+                reached += 1
+                advance()
+
+        yield done
+
+
+MANY_FILES, LARGE_BYTES = 50, 2 * 2**20
+"""So many files, or so many bytes of them, may take longer than 2 s to read. Ours."""
+
+
+def is_long(files: Sequence[Path]) -> bool:
+    """Return whether it may take longer than 2 s to read these files, as far as they are there."""
+    return len(files) >= MANY_FILES or sum(path.stat().st_size for path in files if path.is_file()) >= LARGE_BYTES

@@ -155,6 +155,7 @@ def spectrum(
     time_unit: options.TimeUnit = None,
     time_column: options.TimeColumn = None,
     rate: options.Rate = None,
+    section: options.Section = None,
     as_json: Json = False,
 ) -> None:
     """Print the spectrum of a recording, and plot it with --plot.
@@ -175,9 +176,10 @@ def spectrum(
         raise PalpateError("got --channel with --axes", remedy="leave one of them out", allowed="either")
     if axes is None and reduction is not None:
         raise PalpateError("got --reduction without --axes", remedy="name the axes with --axes X Y Z", allowed="both")
-    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context), resample, rate)
+    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context), resample, rate, section)
     made_of = None if axes is None else Axes(axes, reduction or "dft321")
-    result = spectra.of_file(file, channel=channel, axes=made_of, stated=stated)
+    with options.working(f"Reading {file}", quiet=as_json or not options.is_long([file])):
+        result = spectra.of_file(file, channel=channel, axes=made_of, stated=stated)
     drawn = None if plot is None else spectra.plot(result, plot)
     plotted = f"\nPlot: {drawn}" if drawn else ""
     options.put({**result.as_dict(), "plot": str(drawn) if drawn else None} if as_json else result.text() + plotted)

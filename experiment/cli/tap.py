@@ -37,6 +37,7 @@ def fit(
     time_unit: options.TimeUnit = None,
     time_column: options.TimeColumn = None,
     rate: options.Rate = None,
+    section: options.Section = None,
     as_json: Json = False,
 ) -> None:
     """Fit a decaying sinusoid to each recorded tap.
@@ -51,9 +52,16 @@ def fit(
     from palpate.experiment.recordings import tap_fit
     from palpate.experiment.settings.delimited import Stated
 
-    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context), rate_hz=rate)
+    stated = Stated(
+        encoding, decimal, time_unit, time_column, options.command_line(context), rate_hz=rate, section=section
+    )
     table = tap_fit.read_taps(taps, stated) if taps is not None else None
-    rings = [tap_fit.of_file(path, channel=channel, stated=stated) for path in recordings]
+    rings: list[tap_fit.Ring] = []
+    with options.progress("recordings", quiet=as_json or not options.is_long(recordings)) as (total, advance):
+        total(len(recordings))
+        for path in recordings:
+            rings.append(tap_fit.of_file(path, channel=channel, stated=stated))
+            advance()
     made = tap_fit.of_taps(rings, table) if table is not None else None
     if as_json:
         options.put({"recordings": [one.as_dict() for one in rings], "set": asdict(made) if made else None})

@@ -36,7 +36,7 @@ from palpate.experiment.recordings.series.clocks import (
 from palpate.experiment.recordings.series.column import BESIDE, Column, Kept, Table
 from palpate.experiment.recordings.text.columns import Columns, read_columns
 from palpate.experiment.recordings.text.lvm import NO_STEP, read_lvm
-from palpate.experiment.recordings.wav import wav_samples
+from palpate.experiment.recordings.wav import header_and_samples
 from palpate.experiment.settings import delimited
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood
 from palpate.experiment.settings.units import SECONDS, Heading, heading, likely_unit, rate_in, rates_stated, time_unit
@@ -53,7 +53,7 @@ class Recording:
 
     `channels` are all with samples, in order. `samples` are finite, float64, shape (n,), in `unit`, empty if unknown.
     `rate_source` is where the rate is from, `header_rate_hz` what a header claims beside a column of times. `jitter` is
-    the largest departure from the even grid, in steps; 0 without times. The first of `segments` is read. `read_as` is
+    the largest departure from the even grid, in steps; 0 without times. One of `segments` is read. `read_as` is
     how a text was read, and `doubts` what is not plausible. `other_clocks` are times that other channels have.
     """
 
@@ -103,15 +103,19 @@ def _opened(path: Path, stated: Stated, axes: Sequence[str]) -> Callable[[str | 
     if (audio := next((name for begins, name in AUDIO.items() if content.startswith(begins)), None)) is not None:
         remedy = Remedy("convert it, such as by {}", ("ffmpeg", "-i", str(path), str(path.with_suffix(".wav"))))
         raise RecordingError(f"got a file of {audio}", remedy=remedy, allowed="WAV, of which PCM and float are read")
-    if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
+    binary = format_of(content)
+    sound = content[:4] in (b"RIFF", b"RIFX", b"RF64")
+    if stated.section is not None and (sound or binary is not None):
+        raise RecordingError(f"got --section {stated.section}", remedy="leave it out", allowed="it, for text alone")
+    if sound:
         whole, missing = completed(content)
-        return partial(_from_wav, path, *wav_samples(whole, file=str(path)), missing, stated.rate_hz)
-    if (binary := format_of(content)) is not None:
+        return partial(_from_wav, path, *header_and_samples(whole, file=str(path)), missing, stated)
+    if binary is not None:
         table = _from_channels(binary, content, stated)
     else:
         text, encoding = delimited.decoded(content, path, stated)
         lvm = text.startswith("LabVIEW Measurement")
-        table = read_lvm(text.splitlines()) if lvm else _from_columns(content, text, encoding, stated)
+        table = read_lvm(text.splitlines(), stated.section) if lvm else _from_columns(content, text, encoding, stated)
     return partial(_recording, str(path), _together(table, axes) if stated.resample else table, stated)
 
 
@@ -147,8 +151,11 @@ def _of_axes(axes: Sequence[Recording], reduction: Reduction) -> Recording:
 
 
 def _from_wav(
-    path: Path, header_hz: int, stored: NDArray[Any], missing: str, rate_hz: float | None, channel: str | None
+    path: Path, header_hz: int, stored: NDArray[Any], missing: str, stated: Stated, channel: str | None
 ) -> Recording:
+    if header_hz < 1 and stated.rate_hz is None:
+        remedy = stated.remedy("state the rate", "--rate", "HZ")
+        raise RecordingError(f"got a rate of {header_hz} Hz in its header", remedy=remedy, allowed="1 Hz or more")
     table = stored[:, None] if stored.ndim == 1 else stored
     columns = [Column(f"channel {i + 1}", "", table[:, i], ()) for i in range(table.shape[1])]
     names, place = tuple(one.name for one in columns), 0 if channel is None else chosen(columns, channel)
@@ -164,8 +171,10 @@ def _from_wav(
     doubts = _clipped(str(path), names[place], samples)
     if missing:
         doubts += (Finding(missing, where=path, remedy="check where it ends", verdict="warns", check="unfinished"),)
-    made = Recording(str(path), names[place], names, samples, unit, float(header_hz), "WAV header", doubts=doubts)
-    return made if rate_hz is None else replace(made, rate_hz=rate_hz, rate_source=AS_STATED, header_rate_hz=header_hz)
+    rate_hz = header_hz if stated.rate_hz is None else float(stated.rate_hz)
+    doubts += _doubts(str(path), rate_hz, stated.remedy("if that is wrong, state the rate", "--rate", "HZ"))
+    source, header = ("WAV header", None) if stated.rate_hz is None else (AS_STATED, float(header_hz))
+    return Recording(str(path), names[place], names, samples, unit, float(rate_hz), source, header, doubts=doubts)
 
 
 def _from_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Table:
@@ -174,7 +183,7 @@ def _from_columns(content: bytes, text: str, encoding: str, stated: Stated) -> T
         Column(name or f"column {place}", unit, values, read_as.lines)
         for place, ((name, unit), values) in enumerate(zip(read_as.headings, read_as.values, strict=True), start=1)
     ]
-    head = text[: read_as.begins]
+    head = read_as.head
     clocks = _clocks_of_text(read_as, columns, head, stated)
     others = (*clocks, *read_as.stamped, *(at for at, one in enumerate(read_as.headings) if names_times(one)))
     signals = [place for place in range(len(columns)) if place not in others]
@@ -303,6 +312,12 @@ def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> 
         claimed_hz = next(agreeing, table.header_rates_hz[0])
     if claimed_hz is not None and (table.header_rates_hz or signal.step != NO_STEP):
         doubts += _contradicts(file, claimed_hz, on.rate_hz, source)
+    if table.segments > 1 and stated.section is None:
+        what, remedy = (
+            f"has {table.segments} segments, of which the first is read",
+            ("choose another", "--section", "2"),
+        )
+        doubts += (Finding(what, where=file, remedy=stated.remedy(*remedy), verdict="warns", check="segments"),)
     if table.cut:
         doubts += (Finding(table.cut, where=file, remedy="check where it ends", verdict="warns", check="unfinished"),)
     doubts = _clipped(file, signal.name, signal.values[np.isfinite(signal.values)]) + doubts

@@ -104,8 +104,6 @@ class AmplitudeSpectrum:
         if recording.other_clocks:
             told = ", ".join(map(repr, recording.other_clocks))
             lines.insert(-1, f"other channels have times of their own, which are not those above: {told}")
-        if recording.segments > 1:
-            lines.insert(1, f"segment 1 of {recording.segments}; the others were not read")
         claimed = recording.header_rate_hz
         if claimed is not None and abs(claimed / recording.rate_hz - 1) > 1e-3:
             lines.append(f"the header claims {claimed:.6g} Hz, which is not used")

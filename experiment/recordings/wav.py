@@ -15,7 +15,16 @@ FORMS = {2: "ADPCM", 6: "A-law", 7: "mu-law", 0x11: "IMA ADPCM", 0x55: "MP3"}
 
 
 def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
-    """Return a WAV file's sampling rate in Hz, and its samples in their own type, shape (n,) or (n, channels).
+    """Return what `header_and_samples` does. Raises `RecordingError` for a rate of 0, too."""
+    rate_hz, samples = header_and_samples(content, file=file)
+    if rate_hz < 1:
+        raise RecordingError(file, f"got a rate of {rate_hz} Hz", "export it again", allowed="1 Hz or more")
+    return rate_hz, samples
+
+
+def header_and_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
+    """Return the sampling rate in a WAV file's header, Hz, and its samples in their own type, shape (n,) or (n,
+    channels).
 
     Raises `RecordingError`, naming `file`, for content that is not WAV, damaged, cut off or without samples.
     """
@@ -35,13 +44,8 @@ def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
             else _undecoded(content)
         )
         raise RecordingError(file, got, "export it again", allowed="whole PCM or float") from error
-    if rate_hz < 1 or samples.size == 0:
-        raise RecordingError(
-            file,
-            f"got {samples.size} samples at {rate_hz} Hz",
-            "export it again",
-            allowed="one or more at 1 Hz or more",
-        )
+    if samples.size == 0:
+        raise RecordingError(file, "got no samples", "export it again", allowed="one or more")
     return int(rate_hz), np.asarray(samples)
 
 

@@ -43,6 +43,8 @@ FOREIGN = {
     b"\xd0\xcf\x11\xe0": "a file of an old Excel or Word",
     b"SQLite format": "a database (SQLite)",
     b"%PDF": "a PDF",
+    b"    -1\n": "a universal file (UFF)",
+    b"    -1\r\n": "a universal file (UFF)",
 }  # fmt: skip
 """What a file is that begins so, and is no text."""
 
@@ -71,6 +73,7 @@ class Stated:
 
     `command` is the command line so far, to which a remedy adds an option; without it, a remedy names the option alone.
     `resample`: samples at uneven times are brought onto an even grid. `rate_hz` counts more than any times.
+    `section` is the name or number, from 1, of one of several tables in a text.
     """
 
     encoding: str | None = None
@@ -80,6 +83,7 @@ class Stated:
     command: tuple[str, ...] = ()
     resample: bool = False
     rate_hz: float | None = None
+    section: str | None = None
 
     def __post_init__(self) -> None:
         """Raise `PalpateError` for what is no decimal sign."""
@@ -104,6 +108,7 @@ class Understood:
 
     `delimiter` is empty for blanks. `decimal` is empty where no number has one. `heading_lines` are those of names and
     units, from 1. `names` and `units` are those of the columns, in order, and `repeated` the names that several have.
+    `section` is the name of the one that was read, empty where a text has no others.
     """
 
     encoding: str
@@ -114,6 +119,7 @@ class Understood:
     units: tuple[str, ...]
     first_line: int
     rows: int
+    section: str = ""
 
     @property
     def repeated(self) -> tuple[str, ...]:
@@ -125,8 +131,9 @@ class Understood:
         decimal = {".": ", decimal points", ",": ", decimal commas", "": ""}[self.decimal]
         lines = " and ".join(map(str, self.heading_lines))
         headings = f"headings in line {lines}" if lines else "no headings"
+        section = f"section {self.section!r}, " if self.section else ""
         return (
-            f"read as {self.encoding}, cells between {_WORDS[self.delimiter]}{decimal}; {headings}; "
+            f"{section}read as {self.encoding}, cells between {_WORDS[self.delimiter]}{decimal}; {headings}; "
             f"{self.rows} rows from line {self.first_line}"
         )
 
@@ -142,6 +149,7 @@ class Understood:
             "repeated": list(self.repeated),
             "first_line": self.first_line,
             "rows": self.rows,
+            "section": self.section or None,
         }
 
 

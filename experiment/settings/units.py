@@ -35,7 +35,14 @@ _SIGNALS = frozenset(
      "dB")
 )  # fmt: skip
 """Units of signals that a name may end in without brackets; a letter such as A is a name more often."""
-_NO_NAMES = frozenset((*_TIMES, "volt", "sequence", "-"))
+_NO_NAMES = frozenset(
+    (*_TIMES, "volt", "sequence", "-", "deg", "rad", "°", "°c", "%", "cm", "nm", "ma", "ua", "µa", "hpa", "bar")
+)
+_COMPOUND = re.compile(
+    r"(?:[mcuµn]?m|deg|rad|°|[mk]?N|[mu]?V|g)/\(?s(?:\^?[23]|[²³])?\)?\*?|[mk]?N[ .·*]?[mcµ]?m|[mk]?N/m?m"
+)
+"""Units made of others, as headings and rows of units have them: mm/s^2, m/(s^2), N.mm."""
+_IN = re.compile(r"(?:(?P<name>.*\S)\s+)?in\s+(?P<unit>\S+)")
 
 _BRACKETS = re.compile(
     r"(?P<name>.*?)(?<![\s/,])[\s/,]*[(\[{<](?P<unit>[^()\[\]{}<>]*(?:\([^()]*\))?[^()\[\]{}<>]*)[)\]}>]"
@@ -56,13 +63,21 @@ _RATE_LINE = re.compile(
     r"|abtast(?:rate|frequenz)|fréquence d.échantillonnage|taux d.échantillonnage))(?![A-Za-z])"
     + (_BETWEEN + _BEHIND).format(units="|".join(map(re.escape, _HERTZ))), re.IGNORECASE,
 )  # fmt: skip
-_VICON = re.compile(
-    r"\A\W*(?:Devices|Trajectories|Model Outputs|Segments|Joints)[\s,;]*\n\s*(?P<value>[0-9]+)[\s,;]*\n"
+_OWN = re.compile(
+    r"\A\W*(?:(?:Devices|Trajectories|Model Outputs|Segments|Joints)[\s,;]*\n\s*"
+    r"|NO_OF_(?:FRAMES|SAMPLES)\t(?s:.*?)\nFREQUENCY\t|(?:1[0-9]{9}(?:\.[0-9]*)?[\s,;]*)+\n\W*)"
+    r"(?P<value>[0-9]+(?:\.[0-9]+)?)[\s,;]"
 )
+"""The rate in a line of its own (Vicon), behind a word alone (Qualisys), and below the time of the start (Empatica)."""
 _STEP_LINE = re.compile(
-    r"(?:(?<![A-Za-z])(?:sampl(?:e|ing)[\s_]*(?:interval|period)|delta[\s_]?[tx]|dt)|abtastintervall)(?![A-Za-z])"
+    r"(?:^interval=|(?:(?<![A-Za-z])(?:sampl(?:e|ing)[\s_]*(?:interval|period)|delta[\s_]?[tx]|dt)|abtastintervall)"
+    r"(?![A-Za-z]))"
     + (_BETWEEN + _BEHIND).format(units="|".join(sorted(map(re.escape, _TIMES), key=len, reverse=True))), re.IGNORECASE,
 )  # fmt: skip
+_PER_SAMPLE = re.compile(
+    rf"^\W*(?P<value>[0-9][0-9.,]*)\s*(?P<behind>{'|'.join(sorted(_TIMES, key=len, reverse=True))})/sample",
+    re.IGNORECASE,
+)
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _COUNTERS = frozenset(
     ("index", "idx", "sample", "samples", "sampleno", "nr", "no", "number", "count", "counter", "row", "id", "i", "n",
@@ -84,6 +99,10 @@ class Heading(NamedTuple):
 def heading(text: str) -> Heading:
     """Return the name and the unit in a heading; a name without brackets keeps its unit in it."""
     text = " ".join(text.split()).strip('"').strip()
+    if _COMPOUND.fullmatch(text):
+        return Heading("", text)
+    if (apart := _IN.fullmatch(text)) and is_unit(apart["unit"]):
+        return Heading(apart["name"] or "", apart["unit"])
     bracketed = _BRACKETS.fullmatch(text)
     if bracketed:
         return Heading(bracketed["name"].strip(), bracketed["unit"].strip())
@@ -93,7 +112,7 @@ def heading(text: str) -> Heading:
     parts = [part for part in _PARTS.split(text) if part]
     ends = text.split("_", 1)[-1].replace("m_s2", "m/s2")
     if len(parts) > 1 and not is_clock(text):
-        for unit in (ends, re.split(r"[\s_]", text)[-1]):
+        for unit in (ends, re.split(r"[\s_,]", text)[-1]):
             if unit in _SIGNALS:
                 return Heading(text, unit)
     return Heading(text, "")
@@ -125,7 +144,13 @@ def time_unit(column: Heading) -> str:
 def is_unit(text: str) -> bool:
     """Return whether a cell below a heading is a unit: in brackets, or one that is known."""
     bare = text.strip().strip('"').strip()
-    return bool(re.fullmatch(r"[(\[{<].*[)\]}>]", bare)) or bare in _SIGNALS or bare.lower() in _NO_NAMES
+    known = bare in _SIGNALS or bare.lower() in _NO_NAMES or _COMPOUND.fullmatch(bare)
+    return bool(known or re.fullmatch(r"[(\[{<].*[)\]}>]", bare))
+
+
+def is_rate(text: str) -> bool:
+    """Return whether a cell is a sampling rate, and no name."""
+    return _RATE.fullmatch(text.strip()) is not None
 
 
 def contradict(one: str, other: str) -> bool:
@@ -163,15 +188,17 @@ def rates_stated(text: str) -> tuple[float, ...]:
 
     Of `2.000` both 2 and 2000 are readings; several lines of different rates state none.
     """
-    if vicon := _VICON.match(text):
-        return (float(vicon["value"]),)
+    if own := _OWN.match(text):
+        return (float(own["value"]),)
     found: list[tuple[float, ...]] = []
     for line in text[-_HEADER:].splitlines():
-        rate, step = _RATE_LINE.search(line), _STEP_LINE.search(line)
+        rate, step = _RATE_LINE.search(line), _STEP_LINE.search(line) or _PER_SAMPLE.match(line)
         if rate is not None:
             factor = _HERTZ.get((rate["behind"] or rate["before"] or "hz").lower(), nan)
             found.append(tuple(value * factor for value in _readings(rate["value"])))
-        elif step is not None and (unit := _TIMES.get((step["behind"] or step["before"] or "").lower(), "")):
+        elif step is not None and (
+            unit := _TIMES.get((step["behind"] or step.groupdict().get("before") or "").lower(), "")
+        ):
             found.append(tuple(1 / (value * SECONDS[unit]) for value in _readings(step["value"]) if value > 0))
     usable = [tuple(one for one in each if 0 < one < inf) for each in found]
     return usable[0] if usable and all(each == usable[0] for each in usable) else ()

@@ -21,9 +21,6 @@ commands = options.room()
 
 T = TypeVar("T")
 
-MANY_FILES = 50
-"""So many files take a moment, in which progress is shown."""
-
 PARTICIPANTS = "4,5,6,7,8,10,12,15,20,25,30,40"
 
 
@@ -462,10 +459,9 @@ def import_trials(
         session=session,
     )
     stated = Stated(encoding, decimal, command=options.command_line(context))
-    with options.progress("files", quiet=as_json or len(files) < MANY_FILES) as (total, tick):
-        total(len(files))
+    with options.shares(quiet=as_json or not options.is_long(files)) as done:
         made = imported.import_trials(
-            files, out, columns, study=study, source=source, materials=material or (), stated=stated, tick=tick
+            files, out, columns, study=study, source=source, materials=material or (), stated=stated, done=done
         )
     if as_json:
         options.put(made.as_dict())

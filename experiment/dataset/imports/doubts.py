@@ -1,7 +1,7 @@
 """What is implausible of trials that were read: practice among them, and response times in another unit."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
 
 from palpate.experiment.dataset.imports.layout import ABSENT, ANY, RIGHT, Layout
@@ -130,6 +130,19 @@ def _practice(column: str, cell: str) -> str:
         if RIGHT.get(cell.lower()) or cell.lower() in ("y", "x", "t"):
             return cell
     return cell if len(cell) <= 40 and PRACTICE.search(cell.lower()) else ""
+
+
+def wide_doubts(columns: Iterable[str], layout: Layout) -> tuple[Finding, ...]:
+    """Return the columns that look like further trials of each row: t2_material beside t1_material."""
+    shape, number = re.sub("[0-9]+", "#", layout.presented), re.compile("[0-9]+")
+    further = sorted(
+        one for one in columns if one not in layout.columns() and "#" in shape and number.sub("#", one) == shape
+    )
+    if not further:
+        return ()
+    what = f"is read, and {listed(further)} are not, which look like further trials of each row"
+    remedy = "write a row for each trial, such as by R's pivot_longer"
+    return (Finding(what, field=f"column {layout.presented}", remedy=remedy, verdict="warns", check="wide"),)
 
 
 def time_doubts(times: Mapping[str, Sequence[float]], layout: Layout, stated: Stated) -> tuple[Finding, ...]:

@@ -38,6 +38,9 @@ OF_PAIRS = (*KEPT[:5], "first", "second", *KEPT[6:])
 AT_A_TIME = 16
 """So many folders are written at a time."""
 
+READ = 0.5
+"""The share of the time in which files are read. Ours."""
+
 SHOWN = 10
 """So many files are listed with how they were read."""
 
@@ -77,9 +80,9 @@ def import_trials(
     source: str,
     materials: Sequence[str] = (),
     stated: Stated = NOTHING_STATED,
-    tick: Callable[[], None] = lambda: None,
+    done: Callable[[float], None] = lambda _: None,
 ) -> Imported:
-    """Build the dataset `out` from files of single trials; `tick` is called after each file.
+    """Build the dataset `out` from files of single trials; `done` is called with the share that is done.
 
     `study` is its id, `source` says where and how the answers were measured; `materials` are as in `read_trials`, by
     default a known paper's. Raises `DatasetError` as `read_trials`, and for a text that is not allowed, a file given
@@ -90,7 +93,7 @@ def import_trials(
     if not materials and study in STUDIES:
         materials = tuple(STUDIES[study].materials)
     hashes = _hashes(paths)
-    trials = read_trials(paths, layout, materials, stated, tick)
+    trials = read_trials(paths, layout, materials, stated, lambda share: done(READ * share))
     check_texts(paths[0], {"presented": trials.materials})
     tasks = _tasks(paths, layout, trials.rows)
     check_texts(paths[0], {"presented": tuple(tasks)} if layout.task else {})
@@ -117,7 +120,8 @@ def import_trials(
             folders.setdefault(path.parent, {})[path] = content
         # Each file waits for the disk, and there are two for each participant.
         with ThreadPoolExecutor(AT_A_TIME) as pool:
-            list(pool.map(bids.write_files, folders.values()))
+            for written, _ in enumerate(pool.map(bids.write_files, folders.values()), start=1):
+                done(READ + (1 - READ) * written / len(folders))
     shown = [labels[who] if kept else f"{labels[who]} ({quoted(who)})" for who in several]
     return Imported(out, (*said, *_in_several(shown)), tuple(zip(paths, trials.read_as, strict=True)), trials.doubts)
 

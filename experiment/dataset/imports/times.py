@@ -40,23 +40,21 @@ def is_several(cell: str) -> bool:
 class Times:
     """How the times of one table are read: `mixed` where some have a decimal point and others a decimal comma.
 
-    `decimal_seen` is empty where no time has any.
+    `decimal_seen` is empty where no time has any; `scale` is that of what stands in its column, in its unit.
     """
 
     decimal_seen: str
     unit: str
     mixed: bool = False
+    scale: float = 1.0
 
     def value(self, cell: str) -> float:
         """Return the time in a cell, in the unit of its column, NaN where it holds none in that unit."""
         text, unit = _parts(cell)
         if unit not in ("", self.unit):
             return nan
-        return (
-            delimited.number(text.replace(",", "."), ".")
-            if self.mixed
-            else delimited.number(text, self.decimal_seen or ".")
-        )
+        bare_text, sign = (text.replace(",", "."), ".") if self.mixed else (text, self.decimal_seen or ".")
+        return delimited.number(bare_text, sign) * self.scale
 
 
 def times_of(path: Path, table: Table, column: str | None, unit: str, stated: Stated) -> Times:

@@ -7,13 +7,13 @@ holds what; everything that cannot be read is reported at once, counted by kind.
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from palpate.experiment.dataset.imports.doubts import Practice, Unanswered, time_doubts
-from palpate.experiment.dataset.imports.json_rows import UnderstoodJson
+from palpate.experiment.dataset.imports.doubts import Practice, Unanswered, time_doubts, wide_doubts
 from palpate.experiment.dataset.imports.layout import ABSENT, RIGHT, SEVERAL, WRONG, Layout
+from palpate.experiment.dataset.imports.objects import UnderstoodJson
 from palpate.experiment.dataset.imports.refusals import MOST_LISTED, Place, all_of, listed, refused
 from palpate.experiment.dataset.imports.runs import Runs
 from palpate.experiment.dataset.imports.times import Times, bare, is_several
@@ -26,6 +26,9 @@ from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Table,
 
 MOST_MATERIALS = 64
 """More different cells than this are no materials: the column is another one."""
+
+PARTED, AT_A_TIME = 0.2, 1000
+"""The share of a file's time in which its cells are parted, and the rows after which progress is told. Ours."""
 
 TIES = ("tie", "ties", "draw", "equal", "same", "neither", "both")
 """Words for a comparison in which neither was chosen, in small letters."""
@@ -80,9 +83,10 @@ def read_trials(
     layout: Layout,
     materials: Sequence[str] = (),
     stated: Stated = NOTHING_STATED,
-    tick: Callable[[], None] = lambda: None,
+    done: Callable[[float], None] = lambda _: None,
 ) -> Trials:
-    """Return the trials in these files, in the order of files and lines; `tick` is called after each file.
+    """Return the trials in these files, in the order of files and lines; `done` is called with the share
+    that is read.
 
     `materials` may be presented and answered, by default those presented, in alphabetical order. Raises `DatasetError`
     for all that cannot be read, counted by kind: an unreadable file, a missing or repeated column, a bad cell, a trial
@@ -90,8 +94,8 @@ def read_trials(
     """
     reader = _Reader(paths, layout, tuple(materials), stated)
     for number, path in enumerate(paths, start=1):
-        reader.read(number, path)
-        tick()
+        for share in reader.read(number, path):
+            done((number - 1 + share) / len(paths))
     return reader.trials()
 
 
@@ -109,22 +113,27 @@ class _Reader:
         self._left_out: Counter[tuple[str, str]] = Counter()
         self._missing_times = 0
         self._mixed: list[Path] = []
+        self._tenths: list[Path] = []
         self._no_times: list[DatasetError] = []
         self._errors: list[DatasetError] = []
 
-    def read(self, number: int, path: Path) -> None:
-        """Read a file; keep what is wrong with it."""
+    def read(self, number: int, path: Path) -> Iterator[float]:
+        """Read a file; keep what is wrong with it. Yield the share that is read."""
         try:
             table, times = trial_table(path, self._layout, self._stated)
             label = self._layout.label_in(path) if self._layout.participant is None else ""
         except DatasetError as error:
             self._errors.append(error)
             return
+        yield PARTED
         self._understood[number] = table.understood
         self._mixed += [path] * times.mixed
+        self._tenths += [path] * (times.scale != 1.0)
         self._columns.update(table.header)
         places = {name: table.header.index(name) for name in self._layout.columns() if name in table.header}
-        for record in table.rows:
+        for row_number, record in enumerate(table.rows):
+            if not row_number % AT_A_TIME:
+                yield PARTED + (1 - PARTED) * row_number / len(table.rows)
             cells = _Cells(path, record.line, places, record.cells, table, times)
             try:
                 row = self._row(number, label, cells)
@@ -447,8 +456,16 @@ class _Reader:
             )
             for path in self._mixed
         )  # fmt: skip
+        tenths = [
+            Finding(
+                "is a log of Presentation, whose times count tenths of a millisecond, and are read so", where=path,
+                field=f"column {self._layout.time}", remedy="check one of them", verdict="warns", check="tenths",
+            )
+            for path in self._tenths
+        ]  # fmt: skip
         rows = (*self._practice.doubts(self._stated), *self._unanswered.doubts(self._stated))
-        return (*rows, *time_doubts(times, self._layout, self._stated), *mixed)
+        of_times = (*time_doubts(times, self._layout, self._stated), *mixed, *tenths)
+        return (*wide_doubts(self._columns, self._layout), *rows, *of_times)
 
     def _remedy(self, words: str, *options: str) -> Remedy | str:
         return self._stated.remedy(words, *options)

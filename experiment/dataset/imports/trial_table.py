@@ -1,16 +1,27 @@
 """A file of trials as a table that has every column its layout names, and times in the unit that its heading says."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from palpate.experiment.dataset.imports.json_rows import UnderstoodJson, is_json, json_table
 from palpate.experiment.dataset.imports.layout import Layout
+from palpate.experiment.dataset.imports.objects import (
+    UnderstoodFrames,
+    UnderstoodJson,
+    frames_table,
+    is_json,
+    is_log,
+    json_table,
+)
 from palpate.experiment.dataset.imports.refusals import listed
 from palpate.experiment.dataset.imports.times import Times, times_of
 from palpate.experiment.errors import DatasetError, PalpateError
-from palpate.experiment.settings.delimited import Stated, Table, read_table
+from palpate.experiment.settings.delimited import Record, Stated, Table, content, table_of
 from palpate.experiment.settings.units import heading, time_unit
+
+BELOW = 2
+"""So many rows below the names are looked at for further headings."""
 
 
 def trial_table(path: Path, layout: Layout, stated: Stated) -> tuple[Table, Times]:
@@ -19,7 +30,7 @@ def trial_table(path: Path, layout: Layout, stated: Stated) -> tuple[Table, Time
     Raises `DatasetError` where it has none that fits the layout.
     """
     try:
-        table = json_table(path, stated) if is_json(path) else read_table(path, layout.needed(), (), stated)
+        table = json_table(path, stated) if is_json(path) else _of_text(path, layout, stated)
     except PalpateError as error:
         raise DatasetError.saying(error) from error
     if not table.header:
@@ -27,9 +38,48 @@ def trial_table(path: Path, layout: Layout, stated: Stated) -> tuple[Table, Time
     _check_header(path, layout, table)
     _check_unit(path, layout)
     times = times_of(path, table, layout.time, "s" if layout.time_s else "ms", stated)
-    if not isinstance(table.understood, UnderstoodJson):
+    if layout.time_ms and _is_of_presentation(path):
+        times = replace(times, scale=0.1)
+    if not isinstance(table.understood, UnderstoodJson | UnderstoodFrames):
         table = replace(table, understood=replace(table.understood, decimal="" if times.mixed else times.decimal_seen))
     return table, times
+
+
+def _of_text(path: Path, layout: Layout, stated: Stated) -> Table:
+    """Return the table in a text, without further rows of headings."""
+    data = content(path)
+    if is_log(data):
+        return frames_table(path, data, stated)
+    table = table_of(path, data, layout.needed(), (), stated)
+    below = next((place for place, one in enumerate(table.rows[:BELOW], start=1) if _are_codes(one.cells)), 0)
+    return replace(table, rows=tuple(one for one in table.rows[below:] if not _is_header(path, one, table, layout)))
+
+
+def _is_of_presentation(path: Path) -> bool:
+    """Return whether a file is a log of Presentation, whose times are tenths of a millisecond."""
+    with path.open("rb") as file:
+        return b"Scenario - " in file.read(64).replace(b"\0", b"")
+
+
+def _are_codes(cells: Sequence[str]) -> bool:
+    """Return whether cells are what Qualtrics writes below names and questions: objects with an `ImportId`."""
+    filled = [cell for cell in cells if cell]
+    return bool(filled) and all(cell.startswith('{"ImportId"') for cell in filled)
+
+
+def _is_header(path: Path, row: Record, table: Table, layout: Layout) -> bool:
+    """Return whether a row is the header once more, as in files that were joined. Raises `DatasetError` for another."""
+    if layout.presented not in row.cells or not set(layout.needed()) <= set(row.cells):
+        return False
+    if tuple(cell.strip() for cell in row.cells) == table.header:
+        return True
+    raise DatasetError(
+        path,
+        "got a second header, with its columns in another order",
+        "keep the rows from there on in a file of their own",
+        allowed="one header, or the same once more",
+        line=row.line,
+    )
 
 
 def _check_header(path: Path, layout: Layout, table: Table) -> None:

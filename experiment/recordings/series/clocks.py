@@ -229,10 +229,18 @@ def _by_one_in_turns(values: NDArray[Any]) -> bool:
 
 
 def by_default(signals: Sequence[Column]) -> int:
-    """Return the place of the first column that does not number the samples and has more than one value."""
-    samples = [place for place, one in enumerate(signals) if not counts(one)] or [0]
+    """Return the place of the first column that does not number the samples, rises like no times, and varies."""
+    samples = [place for place, one in enumerate(signals) if not counts(one) and not _ramps(one)] or [0]
     varies = (place for place in samples if np.any(signals[place].values[1:] != signals[place].values[0]))
     return next(varies, samples[0])
+
+
+def _ramps(signal: Column) -> bool:
+    """Return whether values rise in even steps, as those of times do of which only the rate is known."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = np.diff(signal.values[:_AT_FIRST])
+    rises = steps.size > 1 and bool(np.isfinite(steps).all()) and bool(steps.min() > 0)
+    return rises and bool(np.ptp(steps) <= 0.5 * steps.mean())
 
 
 def by_one(values: NDArray[Any]) -> bool:

@@ -13,14 +13,17 @@ from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import chain, islice, pairwise
 from math import inf, isfinite
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.text.behind import without_units
+from palpate.experiment.recordings.text.cells import BEYOND, are_numbers, is_missing, is_number
+from palpate.experiment.recordings.text.sections import has_rows, section_of
 from palpate.experiment.recordings.text.stamps import without_stamps
+from palpate.experiment.recordings.text.words import without_names, without_words
 from palpate.experiment.settings.delimited import (
     COMMENT_SIGN,
     DELIMITERS,
@@ -39,6 +42,7 @@ from palpate.experiment.settings.units import (
     contradict,
     heading,
     is_clock,
+    is_rate,
     is_step,
     is_unit,
     likely_unit,
@@ -52,16 +56,17 @@ NEAREST = 4
 TAIL, LAST_ROWS = 4096, 12
 """Characters of a text's end, and rows among them, that are looked at for one that is cut off."""
 
+SAID_IN_ROWS, EPOCH_S = 10, (1e9, 2e9)
+"""Shorter columns have no row that says something of the others, and recordings began between these, s since 1970."""
+
 BESIDE = " beside "
 """Stands between two units of one column that contradict each other: that of its heading, and that below."""
 
-BEYOND = frozenset(
-    ("inf", "+inf", "-inf", "infinity", "-infinity", "∞", "+∞", "-∞", "ovf", "overflow", "overload", "overrange")
-)
-"""Cells, in small letters, that stand for a sample beyond the range."""
+_TAGS = frozenset(("DESCRIPTION", "TIME_STAMP", "DATA_INCLUDED", "MARKER_NAMES", "CHANNEL_GAIN", "ANALOG_FREQUENCY"))
+"""What lines above the rows begin with that hold no names of columns, as Qualisys writes them."""
 
-MISSING = BEYOND | {"nan", "na", "n/a", "#n/a", "null", "none", "#num!", "#div/0!"}
-"""Cells, in small letters, that stand for a sample that is missing or beyond the range."""
+_NAMES, _UNITS = ("ChannelTitle=", "CHANNEL_NAMES"), ("UnitName=",)
+"""What lines of names and of units begin with, as LabChart and Qualisys write them."""
 
 _WHOLE = re.compile(r" *[+-]?[0-9]+ *")
 _ZEROS = re.compile(r"0[0-9]")
@@ -85,7 +90,7 @@ class Columns:
 
     Columns at the places `stamped` are dates or times of day, in nanoseconds. `cut` says what makes the last row look
     cut off, and is empty where nothing does. `step` are the name, unit and value of the times' increment, where a line
-    above the rows has one. Rows begin at the place `begins` in the text.
+    above the rows has one. `head` is the text above the rows.
     """
 
     headings: tuple[Heading, ...]
@@ -95,7 +100,7 @@ class Columns:
     stamped: tuple[int, ...]
     cut: str
     step: tuple[Heading, float] | None
-    begins: int
+    head: str
     short: tuple[int, int] | None = None
 
 
@@ -111,6 +116,16 @@ class _Shape:
     width: int
     rows: int
     again: tuple[str, ...] = ()
+
+
+class _Parted(NamedTuple):
+    """A text, how its rows are parted, the records above them, the first row, and the decimal sign."""
+
+    text: str
+    shape: _Shape
+    head: list[tuple[int, str]]
+    begins: Record
+    decimal: str
 
 
 @dataclass(frozen=True)
@@ -134,22 +149,68 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     plain, (text, stamps_ns) = len(text) == len(content) and text.isascii(), without_stamps(text)
     # Of a large file each copy costs as much as some of its reading.
     raw = content if plain and not stamps_ns else text.encode()
+    return _columns(raw, text, stamps_ns, encoding, stated)
+
+
+def _columns(raw: bytes, text: str, stamps_ns: Set[int], encoding: str, stated: Stated) -> Columns:
+    """Return the columns of a text, which `raw` holds too, with whole nanoseconds in place of its stamps."""
+
+    def again(other: str, stated: Stated) -> Columns:
+        return _columns(other.encode(), other, stamps_ns, encoding, stated)
+
+    def of_section() -> Columns | None:
+        chosen = section_of(text, shape.delimiter, shape.first, stated)
+        if chosen is None:
+            return None
+        made = again(chosen[0], replace(stated, section=None))
+        return replace(made, understood=replace(made.understood, section=chosen[1]))
+
     shape = _shape_of(text, stated)
-    if not shape.rows and (bare := without_units(text)) is not None:
-        return _in_units(read_columns(bare[0].encode(), bare[0], encoding, stated), bare[1])
+    if not shape.rows and (plain := _plain(text)) is not None:
+        made = again(plain[0], stated)
+        return _in_units(made, plain[1]) if plain[1] else made
+    if stated.section is not None and (section := of_section()) is not None:
+        return section
     head, begins = _head(text, shape)
+    if has_rows(text[: begins.start], shape.delimiter, shape.first) and (section := of_section()) is not None:
+        return section
     shape = replace(shape, again=_clock_names(head, shape))
     if next(_rows(text, begins, shape), None) is None:
         raise _unreadable()
     if shape.delimiter == "," and (points := _decimal_points(text, head, begins, shape, stated)) is not None:
-        made = read_columns(points.encode(), points, encoding, replace(stated, decimal="."))
+        made = again(points, replace(stated, decimal="."))
         return replace(made, understood=replace(made.understood, decimal=","))
     decimal = stated.decimal or _decimal(text, begins, shape, SAMPLE, stated)
     values = _fast(raw, len(text[: begins.start].encode()), shape, decimal or ".")
     short = None
+    if values is None and (section := of_section()) is not None:
+        return section
     if values is None:
         decimal = stated.decimal or _decimal(text, begins, shape, None, stated)
         values, short = _slow(text, head, begins, shape, decimal or ".")
+    parted = _Parted(text, shape, head, begins, decimal)
+    if (above := _rows_of_no_samples(values, first=not head)) > 0:
+        return again(_as_comments(parted, above), stated)
+    return _described(parted, values, short, stamps_ns, encoding, stated)
+
+
+def _as_comments(parted: _Parted, rows: int) -> str:
+    """Return a text with a comment sign before each of so many rows at the beginning."""
+    starts = [one.start for one in islice(_rows(parted.text, parted.begins, parted.shape), rows)]
+    parts = (parted.text[one:end] for one, end in pairwise((*starts, len(parted.text))))
+    return "# ".join((parted.text[: parted.begins.start], *parts))
+
+
+def _described(
+    parted: _Parted,
+    values: Sequence[NDArray[Any]],
+    short: tuple[int, int] | None,
+    stamps_ns: Set[int],
+    encoding: str,
+    stated: Stated,
+) -> Columns:
+    """Return columns with what stands above them."""
+    text, shape, head, begins, decimal = parted
     ends = len(begins.cells) - shape.first - shape.width
     headings, lines = _headings(head, shape, values, ends=ends)
     stamped = _stamped(values, stamps_ns)
@@ -161,7 +222,15 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
     understood = Understood(encoding, shape.delimiter, decimal, lines, names, units, begins.line, len(values[0]))
     held = RowLines(text, begins, shape)
     cut, step = _cut(text, shape, decimal), _step(head, shape, decimal)
-    return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, begins.start, short)
+    return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, text[: begins.start], short)
+
+
+def _plain(text: str) -> tuple[str, tuple[str, ...]] | None:
+    """Return a text without the words among its numbers, and the units that stood behind these; None without any."""
+    if (bare := without_units(text)) is not None:
+        return bare
+    others = without_names(text) or without_words(text)
+    return None if others is None else (others, ())
 
 
 def _stamped(values: Sequence[NDArray[Any]], stamps_ns: Set[int]) -> tuple[int, ...]:
@@ -191,20 +260,7 @@ def _unreadable() -> RecordingError:
 def _cells(record: Record, shape: _Shape) -> list[str]:
     """Return the cells of a record without those before its numbers, or behind them if those are empty or remarks."""
     cells = record.cells[shape.first :]
-    return cells if any(map(_is_number, cells[shape.width :])) else cells[: shape.width]
-
-
-def _is_number(cell: str) -> bool:
-    return any(isfinite(number(cell, decimal)) for decimal in ".,")
-
-
-def _numeric(cells: Sequence[str]) -> bool:
-    """Return whether cells are numbers, but for some that say that they are missing."""
-    return any(map(_is_number, cells)) and all(_is_number(cell) or _is_missing(cell) for cell in cells)
-
-
-def _is_missing(cell: str) -> bool:
-    return cell.strip().lower() in MISSING
+    return cells if any(map(is_number, cells[shape.width :])) else cells[: shape.width]
 
 
 def _trimmed(cells: list[str]) -> tuple[int, list[str]]:
@@ -233,7 +289,7 @@ def _shape(text: str, delimiter: str, most: int | None, least: int) -> _Shape:
         for record in islice(records(text, delimiter, strict=False), most)
         if not record.comment and record.cells
         for first, cells in (_trimmed(record.cells),)
-        if len(cells) >= least and _numeric(cells)
+        if len(cells) >= least and are_numbers(cells)
     )
     (first, width), rows = shapes.most_common(1)[0] if shapes else ((0, 0), 0)
     # Some channels may end before the others.
@@ -251,14 +307,14 @@ def _head(text: str, shape: _Shape) -> tuple[list[tuple[int, str]], Record]:
     for record in records(text, shape.delimiter, strict=False):
         cells = _cells(record, shape)
         below_step = head and any(is_step(cell) for cell in head[-1].cells)
-        if not record.comment and len(cells) == shape.width and _numeric(cells) and not below_step:
+        if not record.comment and len(cells) == shape.width and are_numbers(cells) and not below_step:
             break
         head.append(record)
-    if head and len(_cells(head[-1], shape)) == shape.width and _numeric(_cells(head[-1], shape)):
+    if head and len(_cells(head[-1], shape)) == shape.width and are_numbers(_cells(head[-1], shape)):
         _refuse_unclear_step(*head[-2:])
         record = head.pop()
     if head and _looks_like_row(head[-1], shape):
-        wrong = next(cell for cell in _cells(head[-1], shape) if not _is_number(cell))
+        wrong = next(cell for cell in _cells(head[-1], shape) if not is_number(cell))
         raise RecordingError(
             f"got {wrong.strip()[:40]!r} among numbers",
             remedy="correct the line, or remove it",
@@ -352,7 +408,7 @@ def _paired(text: str, begins: Record, shape: _Shape) -> bool:
 
 def _looks_like_row(record: Record, shape: _Shape) -> bool:
     """Return whether a record above the rows looks like one of them, in which some cells are no numbers."""
-    numbers = [_is_number(cell) for cell in _cells(record, shape)]
+    numbers = [is_number(cell) for cell in _cells(record, shape)]
     return not record.comment and len(numbers) == shape.width and numbers[0] and sum(numbers) * 2 >= shape.width > 1
 
 
@@ -376,7 +432,7 @@ def _name_above(head: Sequence[tuple[int, str]], shape: _Shape, place: int) -> s
     """Return the name of a column, its number from 1 where no record above the rows has a name for each."""
     for _, raw in head[: -NEAREST - 1 : -1]:
         for cells in _heading_rows(raw, shape):
-            if len(own := cells[shape.first :]) == shape.width and not all(map(is_unit, own)) and not _numeric(own):
+            if len(own := cells[shape.first :]) == shape.width and not all(map(is_unit, own)) and not are_numbers(own):
                 return heading(own[place]).name or str(place + 1)
     return str(place + 1)
 
@@ -421,6 +477,20 @@ def _fast(raw: bytes, start: int, shape: _Shape, decimal: str) -> list[NDArray[A
     return columns
 
 
+def _rows_of_no_samples(values: Sequence[NDArray[Any]], *, first: bool) -> int:
+    """Return how many rows at the beginning hold no samples, but one value in all columns: one says how many rows
+    follow; two, `first` in a text, when they began, s since 1970, and at which rate.
+    """
+    rows = min(map(len, values))
+    tops = [{float(one[row]) for one in values} for row in range(min(rows, 2))]
+    if rows <= SAID_IN_ROWS or len(tops[0]) > 1:
+        return 0
+    if tops[0] == {rows - 1.0} and len(values) > 1:
+        return 1
+    (began,), rate = tops[0], min(tops[1])
+    return 2 if first and len(tops[1]) == 1 and EPOCH_S[0] < began < EPOCH_S[1] and 0 < rate < EPOCH_S[0] else 0
+
+
 def _cut(text: str, shape: _Shape, decimal: str) -> str:
     """Return what makes the last row look cut off: no line end, and fewer decimals than each of the rows before."""
     if not decimal or text.endswith(("\n", "\r")):
@@ -452,7 +522,7 @@ def _slow(
             value = int(bare) if bare.isascii() and bare.isdecimal() else number(bare, decimal)
             if not bare:
                 empty[place].append((row, record.line))
-            elif not isfinite(value) and not _is_missing(bare):
+            elif not isfinite(value) and not is_missing(bare):
                 raise RecordingError(
                     f"got {bare[:40]!r} in column '{_name_above(head, shape, place)}'",
                     remedy="correct the line, or keep the rows above it, or below it, in a file of their own",
@@ -485,7 +555,7 @@ def _array(values: list[float]) -> NDArray[Any]:
 
 
 def _is_no_name(cell: str) -> bool:
-    return bool(cell) and (is_unit(cell) or _is_number(cell))
+    return bool(cell) and (is_unit(cell) or is_number(cell))
 
 
 def _are_names(cells: Sequence[str]) -> bool:
@@ -503,6 +573,8 @@ def _headings(
     Of the last `NEAREST` records above the rows, those count that have a cell for each column: the last one holds the
     names, or the last one above a row of units.
     """
+    if (tagged := _tagged(head, shape)) is not None:
+        return tagged
     fitting = _fitting(head, shape, values, ends=ends)
     if not fitting:
         return [Heading("", "")] * shape.width, ()
@@ -522,6 +594,21 @@ def _headings(
     return [heading(cell) for cell in cells], (line,)
 
 
+def _tagged(head: Sequence[tuple[int, str]], shape: _Shape) -> tuple[list[Heading], tuple[int, ...]] | None:
+    """Return names and units in lines that say so, as `_headings` does; a column of times before them has none."""
+    found: dict[tuple[str, ...], tuple[int, list[str]]] = {}
+    for line, raw in head:
+        tag, *cells = (cell.strip() for cell in raw.rstrip("\r\n").split(shape.delimiter or None))
+        for tags in (_NAMES, _UNITS):
+            if tag in tags and 0 <= shape.width - len(cells) <= 1:
+                found[tags] = line, ["Time", *cells] if len(cells) < shape.width else cells
+    if _NAMES not in found:
+        return None
+    units = found.get(_UNITS, (0, [""] * shape.width))[1]
+    made = [Heading(name, "" if unit == "Time" else unit) for name, unit in zip(found[_NAMES][1], units, strict=True)]
+    return made, tuple(line for line, _ in found.values())
+
+
 def _fitting(
     head: Sequence[tuple[int, str]], shape: _Shape, values: Sequence[NDArray[Any]], *, ends: int
 ) -> list[tuple[int, list[str]]]:
@@ -532,8 +619,14 @@ def _fitting(
 
 
 def _is_remark(cells: Sequence[str]) -> bool:
-    """Return whether cells say something of the recording: `Y unit:` and `m/s2`, or a sentence above one column."""
-    return cells[0].endswith(":") or (len(cells) == 1 and ": " in cells[0])
+    """Return whether cells say something of the recording: `Y unit:` and `m/s2`, rates, or a sentence above one column.
+
+    Several columns have no heading of one word, nor do they share one.
+    """
+    filled = [cell for cell in cells if cell]
+    alone = len(filled) == 1 and ":" in cells[0]
+    alike = len(filled) > 1 and len(set(filled)) == 1 and not is_unit(filled[0])
+    return cells[0].endswith((":", "=")) or cells[0] in _TAGS or alone or alike or all(map(is_rate, filled))
 
 
 def _times_below(names: Sequence[str], cells: Sequence[str]) -> bool:
@@ -559,7 +652,7 @@ def _names_in(raw: str, shape: _Shape) -> list[str]:
     row = next(csv.reader([bare.strip("\r\n")], delimiter=shape.delimiter), [])
     cells = [cell.strip() for cell in row if cell.strip()]
     like = any(is_clock(heading(cell).name) or heading(cell).unit for cell in cells)
-    other = any(map(_is_number, cells)) or any(map(is_step, cells))
+    other = any(map(is_number, cells)) or any(map(is_step, cells))
     return cells if like and not other and len(cells) > 1 and not _is_remark(cells) else []
 
 
@@ -612,7 +705,7 @@ def _heading_cells(raw: str, shape: _Shape, values: Sequence[NDArray[Any]], *, e
             cells = cells[:-1]
         if shape.width < len(cells) <= shape.width + ends and (index or cells[0]):
             cells = cells[: shape.width]
-        if len(cells) == shape.width and any(cells) and not _numeric(cells):
+        if len(cells) == shape.width and not are_numbers([cell for cell in cells if cell] or ["0"]):
             return cells
         if counts and values[0][0] == 1 and len(cells) == shape.width - 1 > 1 and all(cells):
             return ["", *cells]

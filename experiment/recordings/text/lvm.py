@@ -32,8 +32,11 @@ class _Segment:
     rows: _Rows = field(default_factory=list)
 
 
-def read_lvm(lines: list[str]) -> Table:
-    """Return the channels of a file, by its lines. Raises `RecordingError`."""
+def read_lvm(lines: list[str], section: str | None = None) -> Table:
+    """Return the channels of a segment of a file, by its lines: of the first, or of the one of this number, from 1.
+
+    Raises `RecordingError`.
+    """
     separator, decimal, header = _header(lines)
     segments = _segments(lines, header, separator, decimal)
     found = [channels for one in segments if (channels := _channels(one, decimal))[0]]
@@ -43,7 +46,10 @@ def read_lvm(lines: list[str]) -> Table:
             remedy="export the measurement again",
             allowed="rows below a line that begins with X_Value",
         )
-    signals, times = found[0]
+    numbers = [str(place) for place in range(1, len(found) + 1)]
+    if section is not None and section not in numbers:
+        raise RecordingError(f"got section {section!r}", remedy="choose one", allowed=f"1 to {len(found)}")
+    signals, times = found[numbers.index(section or "1")]
     split = [heading(signal.name) for signal in signals]
     at = next((place for place, (name, _) in enumerate(split) if is_clock(name)), None)
     nameless = at is None and times[0] is None and rises_evenly(signals[0]) and not by_one(signals[0].values)

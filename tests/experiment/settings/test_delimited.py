@@ -116,7 +116,7 @@ def test_a_table_is_found_below_what_stands_above_it(tmp_path: Path) -> None:
     table = read_table(path, ["who", "rt"], ["rt"])
     assert table.understood.as_dict() == {
         "encoding": "UTF-8", "delimiter": ";", "decimal": ",", "heading_lines": [3], "names": ["who", "rt"],
-        "units": [], "repeated": [], "first_line": 4, "rows": 2,
+        "units": [], "repeated": [], "first_line": 4, "rows": 2, "section": None,
     }  # fmt: skip
     assert [table.number(row.cells[1]) for row in table.rows] == [0.512, 0.75]
 

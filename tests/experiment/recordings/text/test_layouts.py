@@ -1,8 +1,9 @@
 """Texts as other programs write them: read, or refused with a remedy after which they are read right.
 
 Layouts after the programs' own exports: Audacity 3 (Sample Data Export), OpenSignals, LabVIEW (a graph's data),
-Dewesoft X, phyphox, Keysight InfiniiVision, Saleae Logic 2, Delsys EMGworks, Vicon Nexus, Brüel & Kjær Pulse,
-the Arduino IDE.
+Dewesoft X, phyphox, Keysight InfiniiVision, Saleae Logic 2, Delsys EMGworks and Discover, Vicon Nexus, Brüel & Kjær
+Pulse, the Arduino IDE, Noraxon MR3, AcqKnowledge, LabChart, Qualisys QTM, catman, ConsensysPRO, ActiLife, E4,
+GENEActiv, Rohde & Schwarz, Tektronix TDS.
 """
 
 from __future__ import annotations
@@ -41,6 +42,17 @@ OPEN = (
 BK = "Title: tap\nSample frequency:\t1600\nX-axis unit:\ts\nY-axis unit:\tm/s2\n\n"
 VICON = "Devices\n1000\n,,FP1 - Force,\nFrame,Sub Frame,Fx,Fy\n,,N,N\n"
 
+DISCOVER = (
+    "Application:,Trigno Discover 1.6\nAvanti sensor 1 (81728),,,\n"
+    "EMG 1 Time Series (s),EMG 1 (mV),ACC X Time Series (s),ACC X (G)\n2000 Hz,,150 Hz,\n" + DELSYS.partition("\n")[2]
+)
+NORAXON = '"Name","rec 1"\n\n"Time,s","Activity","Marker","TIB.ANT.,uV"\n'
+BIOPAC = "tap.acq\n0.5 msec/sample\n1 channels\nAcceleration\ng\n{heads}\n{counts}\n"
+LABCHART = "Interval=\t0.001 s\nChannelTitle=\tAcc\nRange=\t10 V\nUnitName=\tg\nBottomValue=\t-10.0\n"
+QUALISYS = "NO_OF_SAMPLES\t400\nTOT_NO_OF_CHAN\t2\nFREQUENCY\t1500\nDATA_INCLUDED\tANALOG\nCHANNEL_NAMES\tacc\tforce\n"
+SHIMMER = '"sep=\t"\nS_1A\tS_1A\t\nTimestamp\tAccel_X\t\nCAL\tCAL\t\nms\tm/(s^2)\t\n'
+BESIDE = ("Record Length,400,Points,", "Sample Interval,4e-06,s,", "Source,CH1,,", ",,,", "Vertical Units,V,,")
+
 LAYOUTS = {
     "Audacity": (AUDACITY + _rows("{a}"), 44_100, "column 1", ("--rate", "44100")),
     "Audacity, with times": (_rows("{s:.5f}\t{a}", 2e4), 20_000, "column 2", ("--time-unit", "s")),
@@ -63,6 +75,40 @@ LAYOUTS = {
     ),
     "Arduino": (_rows("14:05:10.{k:03d} -> {a}"), 1000, "column 2", ()),
     "minutes and seconds": ("Time,acc\n" + _rows("05:{s:07.4f},{a}"), 1000, "acc", ()),
+    "Discover": (DISCOVER, 2000, "EMG 1", ()),
+    "Noraxon": (
+        NORAXON + _rows("{s:.6f},Rest,,{a}", 1500).replace("2000,Rest,,", "2000,Rest,Start,"), 1500,
+        "TIB.ANT.,uV", (),
+    ),
+    "AcqKnowledge": (
+        BIOPAC.format(heads="msec\tCH1\t", counts="\t400\t") + _rows("{ms}\t{a}\t", 2000), 2000, "CH1", (),
+    ),
+    "AcqKnowledge, without times": (
+        BIOPAC.format(heads="CH1\tCH2\t", counts="400\t400\t") + _rows("{a}\t{b}\t"), 2000, "CH1", ("--rate", "2000"),
+    ),
+    "LabChart": (LABCHART + _rows("{s:g}\t{a}"), 1000, "Acc", ("--time-unit", "s")),
+    "Qualisys": (QUALISYS + _rows("{a}\t{b}"), 1500, "acc", ("--rate", "1500")),
+    "catman": (
+        "Datum: 29.11.2026\n\nZeit\tMX840_CH1\nAbtastrate: 1200 Hz\t\ns\tg\n" + _rows("{s:.7f}\t{a}", 1200), 1200,
+        "MX840_CH1", (),
+    ),
+    "Consensys": (SHIMMER + _rows("{ms:.3f}\t{a}\t", 500), 500, "Accel_X", ()),
+    "ActiLife": (
+        "--- Data File Created By ActiGraph at 100 Hz ---\nMode = 12\nX,Y\n" + _rows("{a},{b}"), 100,
+        "X", ("--rate", "100"),
+    ),
+    "E4": (
+        "1764410400.00,1764410400.00\n32.000000,32.000000\n" + _rows("{a},{b}"), 32, "column 1", ("--rate", "32"),
+    ),
+    "GENEActiv": (_rows("2026-11-29 10:00:00:{k:03d},{a},{b}"), 1000, "column 2", ()),
+    "Rohde & Schwarz": ("in s,C1 in V\n" + _rows("{s:.9E},{a:.9E}", 1e5), 100_000, "C1", ()),
+    "Tektronix, a header beside the rows": (
+        "".join(f"{BESIDE[k] if k < 5 else ',,,'}{k * 4e-6:.8f},{a}\n" for k, a in enumerate(SIGNAL)), 250_000,
+        "column 2", ("--time-unit", "s"),
+    ),
+    "times that only the rate tells": ("hh,mm,ss,acc\n" + _rows("10,0,{s:.3f},{a}", 500), 500, "acc", ("--rate", "HZ")),
+    "words between numbers": ("t_ms,phase,acc\n" + _rows("{ms},rest,{a}"), 1000, "acc", ()),
+    "names before numbers": ("Ready\n" + _rows("millis:{ms:.1f},x:{a},y:{b}"), 1000, "x", ()),
     "units behind numbers": ("Zeit;acc\n" + _rows("{ms:.1f} ms;{a} g").replace(".", ","), 1000, "acc", ()),
 }  # fmt: skip
 
@@ -80,6 +126,7 @@ def test_a_layout_is_read_right_if_need_be_by_its_remedy(
     except RecordingError as error:
         told = error.finding.remedy.command[1:] if isinstance(error.finding.remedy, Remedy) else ()
         given = dict(zip(told[::2], told[1::2], strict=True))
+        given = {option: word.replace("HZ", f"{rate_hz:g}") for option, word in given.items()}
         rate = float(given["--rate"]) if "--rate" in given else None
         made = read(path, stated=Stated(rate_hz=rate, time_unit=given.get("--time-unit")))
     assert (told, made.channel) == (remedy, channel)

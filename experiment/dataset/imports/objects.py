@@ -1,7 +1,8 @@
-"""Trials as jsPsych writes them in JSON, as a table: an object is a row, and a key a column.
+"""Trials as objects of named values, a row each, and a name a column: the JSON of jsPsych, and the log of E-Prime.
 
-A file is one list of objects, one object with such a list, or JSON lines of either. An object in a cell has a column of
-its own for each of its keys, as `response.Q0`.
+A file of JSON is one list of objects, one object with such a list, or JSON lines of either. An object in a cell has a
+column of its own for each of its keys, as `response.Q0`. A log of E-Prime is frames, one for each time that a procedure
+ran; what its header says is in all rows.
 """
 
 import json
@@ -16,6 +17,9 @@ from palpate.experiment.settings import delimited
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.delimited import Record, Stated, Table, Understood
 
+HEADER, FRAME = "*** Header Start ***", "*** LogFrame Start ***"
+"""How parts of a log of E-Prime begin."""
+
 
 @dataclass(frozen=True)
 class UnderstoodJson(Understood):
@@ -24,6 +28,15 @@ class UnderstoodJson(Understood):
     def sentence(self) -> str:
         """Return it for a reader, in one line."""
         return f"read as JSON, {self.encoding}; {self.rows} rows of {len(self.names)} columns"
+
+
+@dataclass(frozen=True)
+class UnderstoodFrames(Understood):
+    """How a log was read."""
+
+    def sentence(self) -> str:
+        """Return it for a reader, in one line."""
+        return f"read as a log of E-Prime, {self.encoding}; {self.rows} frames of {len(self.names)} attributes"
 
 
 def is_json(path: Path) -> bool:
@@ -96,3 +109,24 @@ def _cells(name: str, held: Any) -> Iterator[tuple[str, str]]:
         yield name, held or ""
     else:
         yield name, json.dumps(held, ensure_ascii=False)
+
+
+def is_log(data: bytes) -> bool:
+    """Return whether a file begins as a log of E-Prime does, in UTF-8 or UTF-16."""
+    return HEADER.encode() in data[:200].replace(b"\0", b"")
+
+
+def frames_table(path: Path, data: bytes, stated: Stated) -> Table:
+    """Return the frames of a log, each at its line. Raises `PalpateError` for bytes that are no text."""
+    text, encoding = delimited.decoded(data, path, stated)
+    rows: list[tuple[int, dict[str, str]]] = []
+    for line, one in enumerate(text.splitlines(), start=1):
+        name, _, value = (part.strip() for part in one.partition(":"))
+        if name in (HEADER, FRAME):
+            rows.append((line, {}))
+        elif rows and not name.startswith("***"):
+            rows[-1][1][name] = value
+    (_, header), *frames = rows
+    names = tuple(dict.fromkeys(name for _, row in (*frames, rows[0]) for name in row if name))
+    records = tuple(Record(line, 0, [row.get(name, header.get(name, "")) for name in names]) for line, row in frames)
+    return Table(names, records, UnderstoodFrames(encoding, "", ".", (), names, (), 1, len(records)))

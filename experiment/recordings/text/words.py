@@ -1,0 +1,71 @@
+"""Words among the numbers of a recording: columns of phases, markers and activities, which are no channels, and names
+before each number, as sketches of the Arduino write them.
+"""  # fmt: skip
+
+import csv
+import io
+import re
+from collections import Counter
+from itertools import islice
+
+from palpate.experiment.recordings.text.cells import is_missing, is_number
+from palpate.experiment.settings.delimited import DELIMITERS, SAMPLE, records
+
+FEWEST, MOST = 0.9, 0.1
+"""Of the rows of a sample, this share or more has a number in a channel, and this share or less in words. Ours."""
+
+
+_NAMED = re.compile(r"([A-Za-z_]\w*)\s*[:=]\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)[\s,;]*")
+
+
+def without_names(text: str) -> str | None:
+    """Return a text whose lines are `x:1.5 y:2` as columns with a heading; None for another.
+
+    What stands above the first such line is left out, and each line stays a line of its own.
+    """
+    lines = text.splitlines()
+    rows = [_NAMED.findall(one) if _NAMED.sub("", one).strip() == "" else [] for one in lines]
+    names = Counter(tuple(name for name, _ in row) for row in rows if row)
+    if len(names) != 1 or names.total() < 2 or (not rows[0] and names.total() < len(lines) / 2):
+        return None
+    (header,) = names
+    begins = next(place for place, row in enumerate(rows) if row)
+    body = [",".join(value for _, value in row) for row in rows[begins:]]
+    return "\n".join([*[""] * (begins - 1), ",".join(header), *body, ""])
+
+
+def without_words(text: str) -> str | None:
+    """Return a text without its columns of words, headings included; None where fewer than two others are left.
+
+    Each line stays a line of its own.
+    """
+    for delimiter in DELIMITERS:
+        width, kept = _channels(text, delimiter)
+        if not 2 <= len(kept) < width:
+            continue
+        lines = []
+        for one in text.splitlines():
+            cells = next(csv.reader([one], delimiter=delimiter), [])
+            lines.append(_line([cells[place] for place in kept], delimiter) if len(cells) == width else one)
+        return "\n".join([*lines, ""])
+    return None
+
+
+def _channels(text: str, delimiter: str) -> tuple[int, list[int]]:
+    """Return how many cells most records have, and the places of numbers; no place where a column is neither."""
+    sample = [one.cells for one in islice(records(text, delimiter, strict=False), SAMPLE) if not one.comment]
+    widths = Counter(len(cells) for cells in sample if len(cells) > 1)
+    if not widths:
+        return 0, []
+    width, _ = widths.most_common(1)[0]
+    rows = [cells for cells in sample if len(cells) == width and any(map(is_number, cells))]
+    shares = [sum(is_number(row[at]) or is_missing(row[at]) for row in rows) / max(len(rows), 1) for at in range(width)]
+    if any(MOST < share < FEWEST for share in shares):
+        return width, []
+    return width, [place for place, share in enumerate(shares) if share >= FEWEST]
+
+
+def _line(cells: list[str], delimiter: str) -> str:
+    made = io.StringIO()
+    csv.writer(made, delimiter=delimiter, lineterminator="").writerow(cells)
+    return made.getvalue()
