@@ -22,7 +22,7 @@ from palpate.experiment.errors import DatasetError, Finding, PalpateError, Remed
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
-from palpate.experiment.records.entries import Armed, Header, Purpose, Withdrawal
+from palpate.experiment.records.entries import Armed, Header, Purpose, Trained, Withdrawal
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import approvals, enrolment, schedule
 from palpate.experiment.study import roster as rosters
@@ -235,7 +235,7 @@ def _read_journal(
     try:
         contents = journal.read_if_begun(path)
         # Raw data of an attempt of which the journal does not know: the journal was cut off.
-        unknown = not any(isinstance(entry, Armed) or entry.frames for entry in contents.entries)
+        unknown = not any(isinstance(entry, Armed | Trained) or entry.frames for entry in contents.entries)
         for raw in (storage.raw_path(path, end) for end in storage.RAW if unknown):
             if storage.size(raw):
                 what = f"knows of no attempt, and {raw.name} does"

@@ -79,7 +79,8 @@ class Person:
             return f"{self.participant} is between tasks: {self.place} comes next."
         footer, left, of = self.task.footer, len(self.task.remaining), self.task.trials
         how = {"paused": "is paused", "error": "ended with an error"}.get(footer.reason if footer else "", "is open")
-        return f"{self.participant}, {self.task.header.task} ({self.place}), {how}: {left} of {of} trials remain."
+        where, trained = f"{self.participant}, {self.task.header.task} ({self.place})", self.task.training_words
+        return f"{where}, {how}: {left} of {of} trials remain." + (f" {trained}." if trained else "")
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,8 @@ class Status:
                     "ended": one.task and one.task.footer and one.task.footer.reason,
                     "remaining": one.task and len(one.task.remaining),
                     "trials": one.task and one.task.trials,
+                    "trained": one.task and len(one.task.trained),
+                    "training": one.task and one.task.training and one.task.training.model_dump(exclude={"kind"}),
                 }
                 for one in self.those("under way")
             ],

@@ -127,7 +127,8 @@ def lost_traces(dataset: Dataset) -> Iterator[Finding]:
         except PalpateError as error:
             yield error.finding
         ended = until_footer(contents) if path in dataset.under_way else contents
-        whole = [one for one in ended.entries if not isinstance(one, entries.Outcome) or one.asks]
+        counted = [one for one in ended.entries if not isinstance(one, entries.Trained)]
+        whole = [one for one in counted if not isinstance(one, entries.Outcome) or one.asks]
         names = {trace.recording for one in whole if (trace := one.frames)}
         for end in (f"recording-{name}_physio.{suffix}" for name in sorted(names) for suffix in ("tsv.gz", "json")):
             file = bids.beh_path(dataset.root, header.participant, header.task, end)

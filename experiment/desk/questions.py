@@ -404,15 +404,17 @@ class Proposed:
 
 @dataclass(frozen=True)
 class Answered:
-    """That the answer of a trial is on disk, None for no answer."""
+    """That the answer of a trial, or of a training trial, is on disk, None for no answer."""
 
     trial: int
     answer: str | None
+    training: bool = False
 
     @property
     def text(self) -> str:
         """The same in words."""
-        return f"Trial {self.trial}: the answer is on disk: {self.answer or NO_ANSWER}."
+        which = "Training trial" if self.training else "Trial"
+        return f"{which} {self.trial}: the answer is on disk: {self.answer or NO_ANSWER}."
 
 
 @dataclass(frozen=True)

@@ -338,6 +338,43 @@ class Ahead(Confined):
     broken_off: Literal["nothing", "vibration"] = "nothing"
 
 
+class Criterion(Confined):
+    """What ends a training before its last trial.
+
+    Attributes:
+        right: so many right answers, as soon as
+        of: so many newest answers, or fewer, have them.
+        unmet: otherwise, on record, the session goes on, or ends without a trial that counts.
+    """
+
+    right: Annotated[int, Field(ge=1, le=1000)]
+    of: Annotated[int, Field(ge=1, le=1000)]
+    unmet: Literal["go on", "end"]
+
+
+class Training(Confined):
+    """Trials before those that count; on record, never analyzed.
+
+    Attributes:
+        trials: at most so many.
+        feedback: tell participants after each answer whether it was right.
+        told_right: words for that.
+        told_wrong: words for any other answer, or none.
+        criterion: what ends it early.
+    """
+
+    trials: Annotated[int, Field(ge=1, le=1000)]
+    feedback: bool
+    told_right: Line = "That was right."
+    told_wrong: Line = "That was not right."
+    criterion: Criterion | None = None
+
+    @property
+    def fewest(self) -> int:
+        """How many trials it takes at least."""
+        return self.trials if self.criterion is None else self.criterion.right
+
+
 class Task(Confined):
     """One task.
 
@@ -354,6 +391,7 @@ class Task(Confined):
         repetitions: of each material, each pair (half in either order), or a detection's block.
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
+        training: trials between that and those that count.
         masker: this task's noise, if not that of `[masker]`.
         materials: those presented, in their order, if not all; any may be answered.
         levels: how strong its vibrations are, if not as they are made.
@@ -379,6 +417,7 @@ class Task(Confined):
     phase: Literal["zero", "random", "recorded"] | None = _since_7()
     ahead: Ahead | None = _since_7()
     control: Control | None = _since_7()
+    training: Training | None = _since_7()
 
 
 class TaskOrder(Confined):
@@ -556,6 +595,10 @@ class Protocol(Confined):
     def trials(self, task: Task) -> int:
         """Return how many trials a participant has in a task, at most where it has levels."""
         return task.repetitions * len(self.presentations(task))
+
+    def felt_trials(self, task: Task) -> int:
+        """Return how many trials a participant has in a task at most, those of its training among them."""
+        return self.trials(task) + (task.training.trials if task.training else 0)
 
     @property
     def renders(self) -> bool:

@@ -44,6 +44,7 @@ BESIDE = {
     "phase": "kinds.phases",
     "ahead": "kinds.ahead",
     "control": "designs.controls",
+    "training": "designs.training",
     "asked": "asked",
     "factors": "designs.factors",
     "groups": "designs.groups",

@@ -5,7 +5,7 @@ from datetime import datetime
 from hashlib import sha256
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, SerializeAsAny
 
 from palpate.experiment.storage import RAW
 
@@ -99,6 +99,12 @@ class PlannedTrial(Record):
     def track(self) -> str:
         """The track that it is of in a task with levels: what is presented, in whatever order."""
         return " | ".join(sorted(self.presented))
+
+
+class TrainingTrial(PlannedTrial):
+    """A trial of a training of so many at most."""
+
+    of: int
 
 
 class Header(Entry):
@@ -239,6 +245,38 @@ class Answer(OfAttempt):
     error_s: float | None = None
 
 
+class Trained(Entry):
+    """An entry of a training trial, by the training's own numbers from 1; no table, report or analysis has it.
+
+    `right` is whether its answer was right; None for any other entry.
+    """
+
+    kind: Literal["training"] = "training"
+    entry: SerializeAsAny[Entry]
+    right: bool | None = None
+
+    @property
+    def felt_s(self) -> tuple[float, ...]:
+        return self.entry.felt_s
+
+    @property
+    def frames(self) -> Trace | None:
+        return self.entry.frames
+
+
+class TrainingEnded(Entry):
+    """The training is over, with so many answers; `reached` is whether its criterion was, None without one.
+
+    It `ends` the session where no trial that counts is begun without the criterion.
+    """
+
+    kind: Literal["training-ended"] = "training-ended"
+    answered: int
+    right: int
+    reached: bool | None
+    ends: bool = False
+
+
 class Spoken(OfAttempt):
     """What the microphone heard until the answer to an attempt was chosen; it decides nothing, and may follow later.
 
@@ -307,7 +345,7 @@ class Commanded(Entry):
 
 
 class Shown(Entry):
-    """What the participant's screen shows, since the session time `since_ns`; `text` is the protocol's instruction."""
+    """What the participant's screen shows, since the session time `since_ns`; `text` is the protocol's."""
 
     kind: Literal["shown"] = "shown"
     show: str

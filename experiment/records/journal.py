@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Union, get_args
 
 from filelock import Timeout
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError, create_model
 
 from palpate.experiment import storage
 from palpate.experiment.clock import Clock
@@ -30,6 +30,7 @@ SHARED: tuple[type[Entry], ...] = (
     entries.TrackEnded,
     entries.Armed,
     entries.Answer,
+    entries.TrainingEnded,
     entries.Spoken,
     entries.Correction,
     entries.Note,
@@ -50,9 +51,11 @@ SHARED: tuple[type[Entry], ...] = (
 @cache
 def reader(*task_kinds: str) -> TypeAdapter[Entry]:
     """Return what reads the entries of a journal of these kinds of trial. Raises `ValueError` for an unknown kind."""
-    own = (entry for name in task_kinds for entry in lines_of(name))
+    own = [entry for name in task_kinds for entry in lines_of(name)]
     entry: Any = Annotated[Union[*SHARED, *own], Field(discriminator="kind")]
-    return TypeAdapter(entry)
+    trained: Any = create_model("Trained", __base__=entries.Trained, entry=(entry, ...))
+    every: Any = Annotated[Union[*SHARED, trained, *own], Field(discriminator="kind")]
+    return TypeAdapter(every)
 
 
 @dataclass(frozen=True)

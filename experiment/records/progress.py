@@ -22,7 +22,8 @@ class Progress:
     the begun attempts by trial. `armed` has no end on disk, `unanswered` no answer, each as trial and attempt. `footer`
     is the last one if the session has ended since. `masker_db_a` is the latest level, dB(A). `visited` are steps beside
     the trials. `stimuli` were played in steps and probes, `vibration_s` together, s. `levels` are on record by trial,
-    the newest each, and of tracks that `ended` no trial remains.
+    the newest each, and of tracks that `ended` no trial remains. `trained` says of each answer of the training whether
+    it was right, and `training` how that ended.
     """
 
     header: entry_kinds.Header
@@ -39,6 +40,8 @@ class Progress:
     vibration_s: float = 0.0
     levels: Mapping[int, float] = field(default_factory=dict)
     ended: frozenset[str] = frozenset()
+    trained: tuple[bool, ...] = ()
+    training: entry_kinds.TrainingEnded | None = None
 
     @property
     def answered(self) -> tuple[int, ...]:
@@ -52,7 +55,12 @@ class Progress:
 
     @property
     def remaining(self) -> tuple[entry_kinds.PlannedTrial, ...]:
-        """Planned trials without an answer, of tracks that have not ended, in the order in which they are run."""
+        """Planned trials without an answer, of tracks that have not ended, in the order in which they are run.
+
+        None remain where the training ended the session.
+        """
+        if self.training is not None and self.training.ends:
+            return ()
         order, size, answered = self.header.order, self.header.block_trials, frozenset(self.answered)
         answered |= {planned.trial for planned in order if self.ended and planned.track in self.ended}
         turns = {trial: turn for turn, trial in enumerate(self.put_off, start=1)}
@@ -66,6 +74,14 @@ class Progress:
     def trials(self) -> int:
         """How many trials have an answer or remain."""
         return len(self.said) + len(self.remaining)
+
+    @property
+    def training_words(self) -> str:
+        """How far the training is, in words; nothing where none has begun."""
+        if (ended := self.training) is None:
+            return f"{len(self.trained)} trials of the training are answered" if self.trained else ""
+        reached = {None: "", True: ", its criterion reached", False: ", its criterion not reached"}[ended.reached]
+        return f"The training is over after {ended.answered} answers{reached}"
 
     def after(self, entry: Entry) -> Progress:
         """Return where the session stands after one more entry."""
@@ -95,11 +111,19 @@ class Progress:
             return replace(done, levels={**done.levels, entry.trial: entry.level})
         if isinstance(entry, entry_kinds.TrackEnded):
             return replace(done, ended=done.ended | {entry.track})
+        return done._beside(entry)
+
+    def _beside(self, entry: Entry) -> Progress:
+        """Return where the session stands after an entry that is of no trial that counts."""
+        if isinstance(entry, entry_kinds.Trained) and entry.right is not None:
+            return replace(self, trained=(*self.trained, entry.right))
+        if isinstance(entry, entry_kinds.TrainingEnded):
+            return replace(self, training=entry)
         if isinstance(entry, entry_kinds.Visited | entry_kinds.Questioned):
-            return replace(done, visited=(*done.visited, entry.step))
+            return replace(self, visited=(*self.visited, entry.step))
         if isinstance(entry, entry_kinds.MaskerSet) and entry.level_db_a is not None:
-            return replace(done, masker_db_a=entry.level_db_a)
-        return done
+            return replace(self, masker_db_a=entry.level_db_a)
+        return self
 
     def _without_answer(self, trial: int) -> Progress:
         said = tuple(one for one in self.said if one[0] != trial)

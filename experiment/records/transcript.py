@@ -99,6 +99,13 @@ def _entry_text(line: Line | Unreadable, task_kind: str) -> str:
             answer = f"answered {entry.answered}" if entry.answered else "no answer was given"
             pressed = ", by the participant's own press" if entry.by == "participant" else ""
             return f"{entry.label}: {answer} after {entry.response_time_s:.2f} s{pressed}"
+        case entries.Trained():
+            right = {None: "", True: ", which is right", False: ", which is not right"}[entry.right]
+            return f"training, {_entry_text(Line(line.t_ns, entry.entry), task_kind)}{right}"
+        case entries.TrainingEnded():
+            reached = {None: "", True: "; its criterion is reached", False: "; its criterion is NOT reached"}
+            ends = ", so that no trial is begun" if entry.ends else ""
+            return f"the training ended: {entry.right} of {entry.answered} answers right{reached[entry.reached]}{ends}"
         case entries.Spoken():
             return f"{entry.label}: {_heard(entry)}"
         case entries.Correction():

@@ -74,8 +74,9 @@ class SimulatedPerson(Console):
         match event:
             case Notice(text=text) | questions.Proposed(words=text):
                 self.show(text)
-            case questions.Answered():
-                self.tick()
+            case questions.Answered(training=training):
+                if not training:
+                    self.tick()
                 if self.screen is not None:
                     self.screen.tell(event)
             case questions.Stopped():

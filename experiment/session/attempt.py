@@ -17,7 +17,7 @@ from palpate.experiment.desk.messages import ENTER, Repeat
 from palpate.experiment.desk.questions import Answered, Confirm, Console, Debrief, Notice, Remark, Reply, TrialAnswer
 from palpate.experiment.errors import JournalError, SessionError, TrackerStopped, cause
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.records.entries import ASKED_FOR, PAUSED, Answer, Armed, PlannedTrial, Redo
+from palpate.experiment.records.entries import ASKED_FOR, PAUSED, Answer, Armed, PlannedTrial, Redo, TrainingTrial
 from palpate.experiment.session.kind import KindDevices, Lent, Limits, Log, Signals
 from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.remarks import Remarks
@@ -244,7 +244,7 @@ class Attempts:
         )
         if self.ear is not None:
             self.ear.answered(chosen_ns)
-        console.tell(Answered(planned.trial, answered))
+        console.tell(Answered(planned.trial, answered, training=isinstance(planned, TrainingTrial)))
         return Event.ANSWERED
 
     def _put_off(self, planned: PlannedTrial, attempt: int, reason: str) -> Event:

@@ -26,7 +26,7 @@ from palpate.experiment.errors import Finding, PalpateError
 from palpate.experiment.protocol.designs import Meaning, design_of
 from palpate.experiment.protocol.models import Protocol as StudyProtocol
 from palpate.experiment.protocol.models import Task
-from palpate.experiment.records.entries import Entry, Header, PlannedTrial, Trace
+from palpate.experiment.records.entries import Entry, Header, PlannedTrial, Trace, TrainingTrial
 from palpate.experiment.records.progress import Progress
 
 if TYPE_CHECKING:
@@ -238,7 +238,8 @@ class Lent:
 
     def arm(self, planned: PlannedTrial, attempt: int, *, may: str, broken_off: str = "") -> bool:
         """Announce an attempt, armed from now on, as `Arm` has it; return whether somebody was waited for."""
-        return self.console.ask(Arm(planned.trial, attempt, len(self.header.order), broken_off, may)).waited
+        of = planned.of if isinstance(planned, TrainingTrial) else len(self.header.order)
+        return self.console.ask(Arm(planned.trial, attempt, of, broken_off, may)).waited
 
 
 class KindDevices(Protocol):

@@ -56,6 +56,8 @@ class Remarks:
     def __init__(self, lent: Lent, kind: Kind, dataset: Path) -> None:
         self.lent, self.kind, self._dataset = lent, kind, dataset
         self.trial: int | None = None
+        self.training = False
+        """Whether trials are those of the training, so that what is said is of no trial that counts."""
         self._lock = threading.Lock()
         self._open = True
 
@@ -69,6 +71,8 @@ class Remarks:
         with self._lock:
             if not self._open:
                 return False, CLOSED
+            if self.training and isinstance(remark, TakeNote | TellIncident):
+                remark = remark.model_copy(update={"trial": None})
             if isinstance(remark, TakeNote):
                 if refused := _no_trial(remark, self.lent.log.done.header):
                     return False, refused
@@ -109,7 +113,7 @@ class Remarks:
     def note_ignored(self) -> None:
         """Put on record what was typed before it was asked for."""
         if typed := self.lent.console.ignored():
-            self.lent.log.write(entries.Ignored(trial=self.trial, typed=typed))
+            self.lent.log.write(entries.Ignored(trial=None if self.training else self.trial, typed=typed))
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
         """Put on record what was asked for at a console, by whom, and what was replied."""

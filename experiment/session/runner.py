@@ -301,7 +301,7 @@ class _Session:
             self._enrol()
             if self.log.done.remaining:
                 self.devices.console.tell(Instructed(self._task.instruction, self.protocol.question(self._task)))
-            pause = self._trials()
+            pause = self._train(contents) or self._trials(self._next)
         except (ScreenGone, PauseAsked) as why:
             pause, felt = why.sentence(), self.log.done.unanswered
             if isinstance(why, PauseAsked) and felt is not None:
@@ -353,14 +353,23 @@ class _Session:
         self.log.write(entries.Phase(state="enrolled", detail=told))
         self.devices.console.tell(Notice(f"{told[:1].upper()}{told[1:]}."))
 
-    def _trials(self) -> str:
-        """Run attempt after attempt until every trial is answered; return why the session pauses, or nothing."""
+    def _train(self, contents: journal.Contents) -> str:
+        """Run what is left of the task's training, if it has one; return why the session pauses, or nothing."""
+        if self._task.training is None or not self.log.done.remaining:
+            return ""
+        answering = import_module("palpate.experiment.session.answering.training")
+        training = answering.Training(self.protocol, self._task.training, self.log, self.devices.console)
+        with training.led(self._attempts, contents.entries):
+            return self._trials(training.next_trial)
+
+    def _trials(self, next_trial: Callable[[], entries.PlannedTrial | None]) -> str:
+        """Run attempt after attempt until no trial comes next; return why the session pauses, or nothing."""
         begun: Counter[int] = Counter()
-        while planned := self._next():
+        while planned := next_trial():
             if pause := self._why_not(planned.trial, begun):
                 return pause
             begun[planned.trial] += 1
-            event = self._attempts.run(planned, self.log.done.attempts.get(planned.trial, 0) + 1)
+            event = self._attempts.run(planned, self._attempts.log.done.attempts.get(planned.trial, 0) + 1)
             if event not in (Event.BROKEN_OFF, Event.LOST):
                 self._follow(Event.STEPPED)
             if event is Event.PAUSE:

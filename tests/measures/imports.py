@@ -130,6 +130,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/session/kinds/footstep/levels.py",
         "experiment/study/levels",
     ),
+    "training": ("experiment/protocol/designs/training.py", "experiment/session/answering/training.py"),
     "triggers": (
         "experiment/apparatus/doctor/triggers.py",
         *(f"experiment/apparatus/wires/{name}.py" for name in ("lsl", "triggers", "ttl")),

@@ -70,7 +70,7 @@ def examine(
     folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
     rate_hz, readings = _frames(rig)
     # Those of the longest task.
-    trials = max(map(protocol.trials, protocol.tasks)) if protocol is not None else TRIALS
+    trials = max(map(protocol.felt_trials, protocol.tasks)) if protocol is not None else TRIALS
     yield checks.space(folder, trials=trials, rate_hz=rate_hz, readings=readings)
     with host.raised() as got:
         yield passed("priority", f"{got}; as sessions have it")

@@ -288,11 +288,14 @@ def _procedure(protocol: Protocol) -> Iterator[Block]:
         f"A participant who does every task has {_most(*tasks)}{trials} trials; familiarisation and breaks take "
         f"{_minutes(shortest_s)} to {_minutes(longest_s)}."
     )
+    felt = sum(map(protocol.felt_trials, tasks))
+    if felt > trials:
+        yield Said(f"Before these come at most {count(felt - trials, 'trial')} of training.")
     if protocol.duration is None:
         yield Said("The protocol does not state how long a visit takes.")
         return
     shortest_min, longest_min = protocol.duration.shortest_min, protocol.duration.longest_min
-    each_s = max(longest_min * 60 - shortest_s, 0) / trials
+    each_s = max(longest_min * 60 - shortest_s, 0) / felt
     yield Said(
         f"A whole visit, all tasks and breaks included, is estimated to take {number(shortest_min)} to "
         f"{number(longest_min)} min. That leaves up to {each_s:.0f} s for each trial."
@@ -348,7 +351,13 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             *((import_module("palpate.experiment.protocol.kinds.phases").fact(task),) if task.phase else ()),
             *(import_module("palpate.experiment.protocol.kinds.ahead").facts(task.ahead) if task.ahead else ()),
             *_control(task),
+            *(_training().facts(task) if task.training else ()),
         )
+
+
+def _training() -> Any:
+    """Return the module of training, which only a study with one needs."""
+    return import_module("palpate.experiment.protocol.designs.training")
 
 
 def _control(task: Task) -> Iterator[tuple[str, str | Free]]:
@@ -630,6 +639,7 @@ def _duration(protocol: Protocol) -> Iterator[Finding]:
     if protocol.duration is None:
         return
     trials = sum(map(protocol.trials, protocol.tasks))
+    trials += sum(task.training.fewest for task in protocol.tasks if task.training)
     besides_s = sum(task.familiarisation.min_s for task in protocol.tasks)
     besides_s += protocol.task_order.break_min_s * (len(protocol.tasks) - 1)
     least_min = (besides_s + LEAST_S * trials) / 60

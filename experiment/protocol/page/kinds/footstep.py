@@ -60,7 +60,7 @@ def _steps(step: Step, *, ahead: bool) -> Iterator[Block]:
 
 def _felt(protocol: Protocol, task: Task) -> str:
     synthesis = protocol.table(Footstep).synthesis
-    total_s = number(round(protocol.trials(task) * synthesis.samples / synthesis.rate_hz, 1))
+    total_s = number(round(protocol.felt_trials(task) * synthesis.samples / synthesis.rate_hz, 1))
     return f"In task {task.id} the panel vibrates for {total_s} s in all, if no trial is repeated."
 
 

@@ -86,8 +86,9 @@ def _part(part: Part) -> str:
 
 def _felt(protocol: Protocol, task: Task) -> str:
     lasts_s = {one.material: one.lasts_s for one in protocol.table(Presented).stimuli}
-    once_s = sum(lasts_s.get(material, 0.0) for one in protocol.presentations(task) for material in one)
-    total_s = number(round(task.repetitions * once_s, 1))
+    each_s = [sum(lasts_s.get(material, 0.0) for material in one) for one in protocol.presentations(task)]
+    trained_s = (protocol.felt_trials(task) - protocol.trials(task)) * max(each_s)
+    total_s = number(round(task.repetitions * sum(each_s) + trained_s, 1))
     before_s = number(task.familiarisation.max_s)
     return (
         f"In task {task.id} stimuli last {total_s} s in all at most, if no trial is repeated, and its familiarisation "
