@@ -391,13 +391,13 @@ class Task(Confined):
         repetitions: of each material, each pair (half in either order), or a detection's block.
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
-        training: trials between that and those that count.
         masker: this task's noise, if not that of `[masker]`.
         materials: those presented, in their order, if not all; any may be answered.
         levels: how strong its vibrations are, if not as they are made.
         phase: of a footstep's vibration, if not the signs of (4): all alike, drawn, or as keeps the recorded profile.
         ahead: begins a footstep's vibration before contact.
         control: makes it a control, whose answers must be at chance.
+        training: what comes between familiarisation and the trials that count.
     """
 
     id: Label

@@ -111,9 +111,9 @@ class Progress:
             return replace(done, levels={**done.levels, entry.trial: entry.level})
         if isinstance(entry, entry_kinds.TrackEnded):
             return replace(done, ended=done.ended | {entry.track})
-        return done._beside(entry)
+        return done._after_other(entry)
 
-    def _beside(self, entry: Entry) -> Progress:
+    def _after_other(self, entry: Entry) -> Progress:
         """Return where the session stands after an entry that is of no trial that counts."""
         if isinstance(entry, entry_kinds.Trained) and entry.right is not None:
             return replace(self, trained=(*self.trained, entry.right))
