@@ -6,7 +6,7 @@ from typing import Any
 
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
-from tests.experiment.protocol.small import document
+from tests.experiment.protocol.small import changed, document
 
 WAVES: tuple[dict[str, Any], ...] = (
     {"sinusoid": {"frequency_hz": 60.0, "amplitude_m_s2": 3.0, "lasts_s": 0.25}, "ramp_s": 0.02},
@@ -53,4 +53,8 @@ def protocol(**how: Any) -> Protocol:
     return ProtocolFile.model_validate(presenting(**how))
 
 
-STUDIES: tuple[Protocol, ...] = (protocol(first=(WAVES[0], RECORDED)),)
+TRAINING: dict[str, Any] = {"trials": 12, "feedback": True, "criterion": {"right": 4, "of": 5, "unmet": "end"}}
+
+STUDIES: tuple[Protocol, ...] = (
+    ProtocolFile.model_validate(changed(presenting(first=(WAVES[0], RECORDED)), ("tasks", 0, "training"), TRAINING)),
+)
