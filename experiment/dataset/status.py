@@ -82,6 +82,21 @@ class Person:
         where, trained = f"{self.participant}, {self.task.header.task} ({self.place})", self.task.training_words
         return f"{where}, {how}: {left} of {of} trials remain." + (f" {trained}." if trained else "")
 
+    def as_dict(self) -> dict[str, object]:
+        """Return a session under way for programs."""
+        task = self.task
+        return {
+            "participant": self.participant,
+            "position": self.position,
+            "of": len(self.order),
+            "task": task and task.header.task,
+            "ended": task and task.footer and task.footer.reason,
+            "remaining": task and len(task.remaining),
+            "trials": task and task.trials,
+            "trained": task and len(task.trained),
+            "training": task and task.training and task.training.model_dump(exclude={"kind"}),
+        }
+
 
 @dataclass(frozen=True)
 class Status:
@@ -161,20 +176,7 @@ class Status:
             "revealed": {who: day.isoformat() for who, day in self.revealed.items()},
             "excluded": self.excluded,
             "keep_until": {who: day.isoformat() for who, day in self.keep_until.items()},
-            "sessions": [
-                {
-                    "participant": one.participant,
-                    "position": one.position,
-                    "of": len(one.order),
-                    "task": one.task and one.task.header.task,
-                    "ended": one.task and one.task.footer and one.task.footer.reason,
-                    "remaining": one.task and len(one.task.remaining),
-                    "trials": one.task and one.task.trials,
-                    "trained": one.task and len(one.task.trained),
-                    "training": one.task and one.task.training and one.task.training.model_dump(exclude={"kind"}),
-                }
-                for one in self.those("under way")
-            ],
+            "sessions": [one.as_dict() for one in self.those("under way")],
             "due": due and due.participant,
             "to_enrol": self.to_enrol,
             "orders": [
