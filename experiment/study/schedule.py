@@ -116,9 +116,7 @@ def block_trials(protocol: Protocol, task_id: str) -> int:
 
 @dataclass(frozen=True)
 class Allocation:
-    """What one participant does: their label, the ids of their tasks in the order in which they do them, and their
-    group, empty in a study without groups.
-    """
+    """One participant's label, the ids of their tasks in order, and their group, empty in a study without groups."""
 
     participant: str
     tasks: tuple[str, ...]

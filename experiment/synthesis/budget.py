@@ -40,7 +40,8 @@ SHORT = 1e-9
 class Budget:
     """The shares of one stimulus, as parts of the rms `asked_m_s2`; 0 if that is 0.
 
-    `dissimilarity_m_s2` is that of equation (6) between what is reached and what was requested.
+    `dissimilarity_m_s2` is that of equation (6) between what is reached and what was requested. In no total are what an
+    inverse moves `before` the stimulus, and its highest `gain`, at `gain_hz`, by the mean of its band; 0 without one.
     """
 
     asked_m_s2: float
@@ -54,6 +55,9 @@ class Budget:
     table: float = 0.0
     inverse: float = 0.0
     rounding: float = 0.0
+    before: float = 0.0
+    gain: float = 0.0
+    gain_hz: float = 0.0
 
     @property
     def left_out(self) -> float:

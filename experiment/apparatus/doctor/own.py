@@ -25,7 +25,10 @@ def checks(rig: Rig, clock: Clock) -> Iterator[Finding]:
     name = "actuator"
     try:
         with closing(DriverActuator(rig, condition, clock)) as actuator:
-            yield passed(name, f"its driver '{settings.driver}' opened {settings.address}")
+            lead = (
+                f"is told {actuator.lead_ns / 1e6:g} ms before" if actuator.lead_ns else "states no lead_s: plays after"
+            )
+            yield passed(name, f"its driver '{settings.driver}' opened {settings.address}, and {lead} contact")
             name = "actuator samples"
             begun_s = time.monotonic()
             actuator.play(zeros)

@@ -5,7 +5,8 @@ rings for `TAIL_S`. Of all such filters it brings the panel nearest, by least sq
 counting alike, to what is asked for (Kirkeby and Nelson 1999, J. Audio Eng. Soc. 47, 583-595, with a delay and a
 penalty of each frequency). No frequency takes more gain than
 `MOST_GAIN`; near a null less is asked for, and a null that no causal filter can invert stays in the error, which is
-stated: `budget` has it of each stimulus, by the measured response.
+stated: `budget` has it of each stimulus, by the measured response, with the highest gain within the band and what
+moves before the stimulus.
 """
 
 from __future__ import annotations
@@ -76,6 +77,9 @@ class Inverse:
             raise RigError("actuator.inverse_ahead_ms", what, "leave the key out", allowed="a panel that has one")
         self.taps: NDArray[np.float64] = taps / full_scale
         self.highest_gain = float(gain.max()) * MOST_GAIN
+        highest = int(np.argmax(gain * inside))
+        self.gain, self.gain_hz = float(gain[highest]) * MOST_GAIN, float(f[highest])
+        """The highest within the band, and where, Hz: at a null, or far below the panel's resonance."""
 
     def __call__(self, stimulus: Waveform) -> tuple[NDArray[np.float64], float]:
         """Return samples, shape (n + L - 1,), 1.0 being full scale, and by what they were taken down to reach it."""
@@ -89,8 +93,14 @@ class Inverse:
     def budget(self, played: Played) -> budget.Budget:
         """Return how a played stimulus moves the panel beside what was asked for, by the measured response."""
         asked, down = played.stimulus, played.scale * played.panel_scale
-        moved_m_s2 = self._movement.moved_m_s2(played.samples)[self.ahead :][: asked.waveform_m_s2.size]
+        whole_m_s2, wanted = (
+            self._movement.moved_m_s2(played.samples),
+            down * float(np.linalg.norm(asked.waveform_m_s2)),
+        )
+        before = float(np.linalg.norm(whole_m_s2[: self.ahead])) / wanted if wanted else 0.0
+        moved_m_s2 = whole_m_s2[self.ahead :][: asked.waveform_m_s2.size]
         found = budget.of_accelerations(asked, handed_m_s2=moved_m_s2, limited=1, carries_hz=BAND_HZ)
+        found = replace(found, before=before, gain=self.gain, gain_hz=self.gain_hz)
         if down < 1:
             own = budget.of_accelerations(asked, handed_m_s2=moved_m_s2 / down, limited=1, carries_hz=BAND_HZ)
             missed = min(own.taken_down, found.taken_down)

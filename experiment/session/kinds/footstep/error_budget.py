@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.apparatus.panel.movement import DRIFT_DB
 from palpate.experiment.apparatus.panel.validity import simulated_table
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
@@ -22,7 +21,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings import manifest
 from palpate.experiment.session import scene as scenes
 from palpate.experiment.session.kinds.footstep import preparation, sampling
-from palpate.experiment.session.kinds.footstep.felt import LEAST_SHARE, QUIETEST_DB, WINDOW_S, Felt, felt_on
+from palpate.experiment.session.kinds.footstep.felt import FELT, FELT_ROWS, Felt, felt_on, gain_sentence
 from palpate.experiment.session.kinds.footstep.fidelity import (
     SHOWN,
     UNKNOWN,
@@ -38,7 +37,6 @@ from palpate.experiment.session.kinds.footstep.fidelity import (
 )
 from palpate.experiment.synthesis.budget import Budget, other_reading
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from palpate.experiment.synthesis.noticing import SOLE
 from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity
 
 WATCHED_US = 4_000_000
@@ -146,7 +144,7 @@ class ErrorBudget:
     materials: dict[str, Detailed]
     aims_ms: tuple[float | None, ...]
     carries_hz: tuple[float, float] | None
-    schedules: bool
+    schedules: bool | None
     refused: str
     ahead_ms: float = 0.0
 
@@ -180,6 +178,10 @@ class ErrorBudget:
         return any(of.other_reading for of in self.materials.values())
 
     @property
+    def _inverted(self) -> bool:
+        return any(one.gain for of in self.materials.values() for one in of.budgets)
+
+    @property
     def _is_measured(self) -> bool:
         return any(of.felt for of in self.materials.values())
 
@@ -199,6 +201,7 @@ class ErrorBudget:
             *_table(self._companion_rows()),
             *wrapped(f"  {BESIDE}"),
             *(wrapped(f"  {FELT}") if self._is_measured else []),
+            *(wrapped(f"  {gain_sentence(next(iter(self.materials.values())).budgets[0])}") if self._inverted else []),
             *wrapped(f"  {self._timing()}"),
             "",
             "what would lower it",
@@ -210,7 +213,7 @@ class ErrorBudget:
         rows = [
             [name, *(percent(*one.range(attrgetter(field))) for one in each)]
             for field, name, _ in causes(self.carries_hz)
-            if field != "inverse" or any(one.inverse for of in each for one in of.budgets)
+            if field != "inverse" or self._inverted
         ]
         rows.append(["all of it", *(percent(*one.range(attrgetter("total"))) for one in each)])
         return rows
@@ -228,6 +231,8 @@ class ErrorBudget:
         rows += sampling.profile_rows([one.profile for one in each], _up_to)
         if self._takes_volts:
             rows.append(["W interpolated, (7)", *(_range_of(one.other_reading, _percent) for one in each)])
+        if self._inverted:
+            rows.append(["before it, by the inverse", *(percent(*one.range(attrgetter("before"))) for one in each)])
         if self._is_measured:
             for name, value, shown in FELT_ROWS:
                 rows.append([name, *(_range_of(tuple(map(value, one.felt)), shown) for one in each)])
@@ -235,6 +240,8 @@ class ErrorBudget:
 
     def _timing(self) -> str:
         known = [(v, ms) for v, ms in zip(self.speeds_mm_s, self.aims_ms, strict=True) if ms is not None]
+        if not known and self.schedules is None:
+            return f"timing: not known, for {OWN}; without lead_s the stimulus sounds after contact"
         if not known:
             why = (
                 "its onset can never be scheduled in time"
@@ -258,6 +265,8 @@ class ErrorBudget:
         ]
         if any(one.interpolation is not None for one in each):
             told.append("speeds and takes: recordings at more speeds, more takes of each")
+        if self.schedules is None:
+            return [*told, f"timing: a driver that states lead_s; {OWN}"]
         if not self.schedules:
             return [*told, "timing: an actuator on a channel of the audio device, which can be told when to begin"]
         return [*told, "timing: a tracker with less noise or more frames, or a shorter latency of the output"]
@@ -273,10 +282,13 @@ def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path
     worst = most_left_out([found, *(given(scene=one) for one in others)], carries_hz)
     ahead_ms = 0.0 if (ahead := protocol.task(task_id).ahead) is None else -ahead.delay_ms
     aims_ms = tuple(aim_ms(protocol, rig, v, ahead_ms) for v in speeds_mm_s(protocol))
-    schedules = rig.actuator.driver == "audio"
+    schedules = None if ":" in rig.actuator.driver else rig.actuator.driver == "audio"
     refused = simulated_table(f"rig '{rig.rig.name}'", rig_folder, rig) or refusal(protocol, rig, worst, carries_hz)
     return ErrorBudget(found, aims_ms, carries_hz, schedules, refused.sentence() if refused else "", ahead_ms)
 
+
+OWN = "what lead_s this driver states `palpate doctor` shows"
+"""What is said of an actuator behind a driver of one's own, which a plan does not run."""
 
 WIDTH = 100
 """No line of a plan is wider, in characters."""
@@ -287,25 +299,6 @@ BESIDE = (
     "interpolated in place of A inverted, equation (7)."
 )
 """What the lines beside a budget are."""
-
-FELT_ROWS: tuple[tuple[str, Callable[[Felt], float], Callable[[float], str]], ...] = (
-    ("third octaves, dB", attrgetter("third_octave_db"), "{:.1f}".format),
-    ("third octaves at most, dB", lambda felt: felt.third_octave_between_db[1], "{:.1f}".format),
-    ("envelope, dB", attrgetter("envelope_db"), "{:.1f}".format),
-    ("envelope at most, dB", lambda felt: felt.envelope_between_db[1], "{:.1f}".format),
-    ("noticed at least, %", attrgetter("noticed_at_least"), lambda share: f"{share * 100:.0f}"),
-    ("noticed at most, %", attrgetter("noticed_at_most"), lambda share: f"{share * 100:.0f}"),
-)
-"""Each line of a measured panel, the value of `Felt`, and how it is shown."""
-
-FELT = (
-    "Third octaves and envelope are those of the panel by its measured response, with its phase, beside what was asked "
-    f"for: the worst third octave from 10 to 500 Hz with {LEAST_SHARE:.1%} of the energy or more, and the worst "
-    f"{WINDOW_S * 1e3:g} ms within {QUIETEST_DB:g} dB of the loudest; at most, if the "
-    f"panel has drifted by {DRIFT_DB:g} dB, or its coil is soft. Noticed is how probably a person notices that "
-    f"difference, without guessing: a model that nobody tested here, from published thresholds ({SOLE.source})."
-)
-"""What the lines of a measured panel are."""
 
 ASSUMED = (
     "Equation (7) and this budget assume that the panel answers each frequency alone, with a real gain; phase is "

@@ -4,17 +4,20 @@ probably a person notices the difference, by a model.
 All follow from the panel's complex response, so that what its phase does to a vibration is in them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from math import inf
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.apparatus.panel.conditioning import Played
-from palpate.experiment.apparatus.panel.movement import Movement, open_movement
+from palpate.experiment.apparatus.panel.conditioning import INVERSE, Played
+from palpate.experiment.apparatus.panel.movement import DRIFT_DB, Movement, open_movement
 from palpate.experiment.apparatus.rig import MeasuredRig, Rig
+from palpate.experiment.synthesis.budget import Budget
 from palpate.experiment.synthesis.noticing import SOLE, noticed, third_octave_energies
 
 LEAST_SHARE = 1e-3
@@ -31,12 +34,24 @@ CREST = 4.0
 """How many times its rms the multisine that finds compression peaks at the most: ours."""
 
 
+def gain_sentence(one: Budget) -> str:
+    """Return how far the inverse of a panel goes, by the budget of a stimulus, and what is shown of it."""
+    most = import_module(INVERSE).MOST_GAIN
+    return (
+        f"The inverse has a gain of up to {one.gain:.3g} at {one.gain_hz:.0f} Hz, by the mean of the panel's usable "
+        f"band; it is bounded at {most:g}, and where that is not enough less is asked for. Before it, by the inverse: "
+        "what the panel moves before a vibration begins."
+    )
+
+
 @dataclass(frozen=True)
 class Felt:
     """By how much a movement differs from what was asked for at the worst, in magnitude, dB.
 
     `third_octave_db` is of third octaves, `envelope_db` of the levels of windows in time; each with the interval that a
-    soft coil, and drift that no comparison refuses or warns of, leave it. The difference is noticed with these
+    soft coil, and drift that no comparison refuses or warns of, leave it. On a panel that got 3 % heavier and on a soft
+    coil these hold the truth in 320 of 320 SIMULATED stimuli, and 53 of the 160 by an inverse are wider than twice the
+    truth, for the drift alone is (`python -m tests.benchmarks.felt`). The difference is noticed with these
     probabilities, by the model of `synthesis/noticing.py`.
     """
 
@@ -46,6 +61,26 @@ class Felt:
     noticed_at_most: float
     third_octave_between_db: tuple[float, float] = (0.0, inf)
     envelope_between_db: tuple[float, float] = (0.0, inf)
+
+
+FELT_ROWS: tuple[tuple[str, Callable[[Felt], float], Callable[[float], str]], ...] = (
+    ("third octaves, dB", attrgetter("third_octave_db"), "{:.1f}".format),
+    ("third octaves at most, dB", lambda felt: felt.third_octave_between_db[1], "{:.1f}".format),
+    ("envelope, dB", attrgetter("envelope_db"), "{:.1f}".format),
+    ("envelope at most, dB", lambda felt: felt.envelope_between_db[1], "{:.1f}".format),
+    ("noticed at least, %", attrgetter("noticed_at_least"), lambda share: f"{share * 100:.0f}"),
+    ("noticed at most, %", attrgetter("noticed_at_most"), lambda share: f"{share * 100:.0f}"),
+)
+"""Each line of a measured panel, the value of `Felt`, and how it is shown."""
+
+FELT = (
+    "Third octaves and envelope are those of the panel by its measured response, with its phase, beside what was asked "
+    f"for: the worst third octave from 10 to 500 Hz with {LEAST_SHARE:.1%} of the energy or more, and the worst "
+    f"{WINDOW_S * 1e3:g} ms within {QUIETEST_DB:g} dB of the loudest; at most, if the "
+    f"panel has drifted by {DRIFT_DB:g} dB, or its coil is soft. Noticed is how probably a person notices that "
+    f"difference, without guessing: a model that nobody tested here, from published thresholds ({SOLE.source})."
+)
+"""What the lines of a measured panel are."""
 
 
 def felt_on(stimuli: Mapping[str, Sequence[Played]], *, rig: Rig, rig_folder: Path) -> dict[str, tuple[Felt, ...]]:

@@ -165,7 +165,8 @@ def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tupl
     down, at_mm_s, of_material = max(every, key=lambda one: one[0].taken_down)
     off, off_mm_s, off_material = max(every, key=lambda one: one[0].inverse)
     taken = f"{down.taken_down:.1%} (rms) off {of_material} at {at_mm_s:.0f} mm/s"
-    missed = f"{off.inverse:.1%} (rms) of {off_material} at {off_mm_s:.0f} mm/s"
+    missed = f"{off.inverse:.1%} (rms) of {off_material} at {off_mm_s:.0f} mm/s, has a gain of {off.gain:.3g} at "
+    missed += f"{off.gain_hz:.0f} Hz, and moves it {off.before:.1%} before"
     said = [f"limits of panel and amplifier take up to {taken}"] if down.taken_down >= WEAKER else []
     said += [f"the inverse of the panel misses up to {missed}"] if off.inverse >= WEAKER else []
     weaker = "; ".join(said)

@@ -36,7 +36,8 @@ class Made:
     """What a rig makes of the stimulus of a material, as a session would hand it over.
 
     `asked_m_s2` is the peak that is declared, `reached_m_s2` the panel's at most, by its measured response. Shares are
-    of the rms: `left_out` of what it does not carry, `off` of all that differs. `limited`: a limit changes it.
+    of the rms: `left_out` of what it does not carry, `off` of all that differs. `limited`: a limit changes it. The last
+    three are those of `synthesis.budget.Budget`, of an inverse.
     """
 
     material: str
@@ -46,13 +47,19 @@ class Made:
     left_out: float
     off: float
     limited: bool
+    before: float
+    gain: float
+    gain_hz: float
 
     @property
     def words(self) -> str:
         """The same in words."""
         out = f"{self.left_out:.2%} (rms) left out" if self.left_out >= SHOWN else "nothing left out"
         peak = f"at most {self.reached_m_s2:.3g} m/s^2 at its peak, of {self.asked_m_s2:.3g} asked for"
-        return f"{self.material}: {self.lasts_s:g} s, {peak}, {out}{', taken down by a limit' if self.limited else ''}"
+        gain = f"{self.off:.1%} off by an inverse with a gain of {self.gain:.3g} at {self.gain_hz:.0f} Hz"
+        inverse = f", {gain}, which moves it {self.before:.1%} before" if self.gain else ""
+        limited = ", taken down by a limit" if self.limited else ""
+        return f"{self.material}: {self.lasts_s:g} s, {peak}, {out}{inverse}{limited}"
 
 
 def on_rig(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> tuple[Made, ...]:
@@ -63,7 +70,7 @@ def on_rig(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> tuple[Made, ...
     found = []
     for material, stimulus in rendered(protocol, actuator.rate_hz).items():
         played = condition(stimulus)
-        kept = played.on_record()
+        kept, (error, _) = played.on_record(), played.budget()
         found.append(
             Made(
                 material,
@@ -73,6 +80,9 @@ def on_rig(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> tuple[Made, ...
                 kept.computed.left_out or 0.0,
                 kept.computed.relative_error,
                 limited=bool(played.limited) or played.scale < 1 or played.panel_scale < 1,
+                before=error.before,
+                gain=error.gain,
+                gain_hz=error.gain_hz,
             )
         )
     return tuple(found)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
-from palpate.experiment.apparatus.panel.inverse import MOST_GAIN, Inverse
+from palpate.experiment.apparatus.panel.inverse import BAND_HZ, MOST_GAIN, Inverse
 from palpate.experiment.apparatus.panel.movement import Movement, Reference
 from palpate.experiment.errors import RigError
 from palpate.experiment.protocol.files import shipped
@@ -87,6 +87,22 @@ def test_no_frequency_takes_more_than_the_most_gain(movement: Movement) -> None:
     gain = np.abs(np.fft.rfft(inverse.taps, 2**15)) * 57.8
     assert gain.max() <= 1.02 * MOST_GAIN
     assert inverse.highest_gain <= MOST_GAIN
+    f = np.fft.rfftfreq(2**15, 1 / RATE_HZ)
+    within = np.where((f >= BAND_HZ[0]) & (f <= BAND_HZ[1]), gain, 0.0)
+    assert inverse.gain == pytest.approx(within.max(), rel=0.06)
+    assert inverse.gain_hz == pytest.approx(f[within.argmax()], abs=1.0)
+
+
+def test_what_moves_before_a_stimulus_is_told_and_nothing_without_time_for_it(panel: Modes, movement: Movement) -> None:
+    condition = opened(movement)
+    for peak in (0.1, 1000.0):
+        played = condition(burst(150.0, peak))
+        moved = MovingPanel(panel).moved(played.samples.astype(np.float64) * FULL_SCALE_V, rate_hz=RATE_HZ)[:50]
+        asked = played.scale * played.stimulus.waveform_m_s2
+        told = played.budget()[0]
+        assert told.before == pytest.approx(np.linalg.norm(moved) / np.linalg.norm(asked), abs=1e-3)
+        assert told.gain > 0
+    assert opened(movement, ahead_s=0.0)(burst(150.0)).budget()[0].before == 0.0
 
 
 def test_a_panel_that_was_not_measured_through_the_band_has_no_inverse(movement: Movement) -> None:

@@ -202,7 +202,8 @@ def test_what_limits_take_off_most_is_told_of_whichever_scene(approved: Snapshot
 
 
 def test_what_an_inverse_misses_is_told_of_where_nothing_is_left_out(approved: SnapshotAssertion) -> None:
-    of = Fidelity((20.0, 40.0), (Budget(1.0, 0.0, inverse=0.01), Budget(1.0, 0.0, inverse=0.178)))
+    worse = Budget(1.0, 0.0, inverse=0.178, before=0.012, gain=67.3, gain_hz=10.0)
+    of = Fidelity((20.0, 40.0), (Budget(1.0, 0.0, inverse=0.01), worse))
     assert most_left_out([{"felt": of}], (8.9, 563.0)).weaker == approved
 
 
