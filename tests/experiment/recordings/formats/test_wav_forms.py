@@ -53,12 +53,12 @@ def _wav(
     return name + struct.pack(f"{order}I", whole) + chunks
 
 
-@pytest.mark.parametrize("wide", [False, True], ids=["plain", "extensible"])
-@pytest.mark.parametrize("name", [b"RIFF", b"RF64", b"RIFX"])
+# The order of a GUID's bytes in RIFX is not defined.
+@pytest.mark.parametrize(
+    ("name", "wide"), [(b"RIFF", False), (b"RIFF", True), (b"RF64", False), (b"RF64", True), (b"RIFX", False)]
+)
 @pytest.mark.parametrize(("form", "bits"), [(PCM, 8), (PCM, 16), (PCM, 24), (PCM, 32), (FLOAT, 32), (FLOAT, 64)])
 def test_a_form_is_read_as_it_was_written(tmp_path: Path, form: int, bits: int, name: bytes, *, wide: bool) -> None:
-    if wide and name == b"RIFX":
-        pytest.skip("the order of a GUID's bytes in RIFX is not defined")
     path = tmp_path / "tap.wav"
     path.write_bytes(_wav(form, bits, name=name, wide=wide))
     made = read(path)
