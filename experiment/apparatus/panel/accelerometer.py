@@ -1,7 +1,6 @@
 """An accelerometer behind a raw PCM port: mono samples as little-endian float32 on TCP, without end.
 
-Such a port knows no time: the least delayed piece dates the stream, but for the latency that every piece has. Where
-all pieces are late from one on, samples were lost before it: they date it anew.
+Such a port knows no time: the least delayed piece dates the stream, but for the latency that every piece has.
 """
 
 import socket
@@ -11,7 +10,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
-from math import inf
 from typing import Protocol, cast
 
 import numpy as np
@@ -34,10 +32,6 @@ SOON_S = 0.2
 
 BEFORE_S = 0.002
 """How much of a take lies before its trigger, s."""
-
-LOST_S, SURE_S = 0.005, 0.1
-"""Samples were lost where all that come for so long are later than in the second before, by so much or more, s. Ours:
-what is held up comes at once in the end, and shorter than `listening.AFTER_S`."""
 
 RING_S = 10.0
 """How much is held besides a take, s: the slowest foot takes 2 s from gate to panel."""
@@ -180,39 +174,6 @@ _Taken = tuple[NDArray[np.float32] | None, int | None, int | None]
 """A take, when it begins and when there was a knock before; see `Heard`."""
 
 
-class Gaps:
-    """Where samples of a stream were lost: what follows is late for good."""
-
-    def __init__(self) -> None:
-        self.first, self.lasts_ns = 0, 0.0
-        """The sample before which the newest gap is, 0 without one, and how long that is."""
-        self.unsure = False
-        """Whether what came last is late."""
-        self._usual_ns: dict[int, float] = {}
-        self._since_ns, self._from, self._late_ns = 0, 0, inf
-
-    def add(self, first: int, begun_ns: float, arrived_ns: int) -> None:
-        """Take a piece: its first sample, and when the stream began, if it was not held up and nothing was lost."""
-        second = arrived_ns // 10**9
-        usual_ns = min(self._usual_ns.values(), default=inf)
-        if begun_ns < usual_ns + LOST_S * 1e9:
-            self.unsure = False
-            of_second_ns = min(begun_ns, self._usual_ns.get(second, inf))
-            self._usual_ns = {s: ns for s, ns in self._usual_ns.items() if s >= second - 1} | {second: of_second_ns}
-            return
-        if not self.unsure:
-            self.unsure, self._since_ns, self._from, self._late_ns = True, arrived_ns, first, inf
-        self._late_ns = min(self._late_ns, begun_ns)
-        if arrived_ns - self._since_ns >= SURE_S * 1e9:
-            self.first, self.lasts_ns, self.unsure = self._from, self._late_ns - usual_ns, False
-            self._usual_ns = {second: self._late_ns}
-
-    @property
-    def words(self) -> str:
-        """What is told of what has the newest gap in it."""
-        return f"has a gap of {self.lasts_ns / 1e6:.0f} ms, where samples were lost, or takes fewer than rate_hz"
-
-
 class Listening:
     """What has come since an accelerometer was armed."""
 
@@ -226,7 +187,6 @@ class Listening:
         self._pieces: deque[tuple[NDArray[np.float32], int]] = deque()
         self._first = 0
         self._count = 0
-        self._gaps = Gaps()
 
     @property
     def broken(self) -> str | None:
@@ -245,8 +205,6 @@ class Listening:
         with self._changed:
             if not self._wait(lambda: self._sample_at(latest_ns) + 1):
                 return self._missing()
-            if self._sample_at(earliest_ns) < self._gaps.first:
-                return self._gaps.words
             first, held = self._kept_samples()
             begin = min(max(self._sample_at(earliest_ns) - first, 0), held.size)
             end = max(self._sample_at(latest_ns) - first, begin)
@@ -262,8 +220,6 @@ class Listening:
             if not self._wait(lambda: start + self._samples):
                 return self._missing()
             first, held = self._kept_samples()
-            if self._sample_at(earliest_ns) < self._gaps.first:
-                return self._gaps.words
         taken = held[start - first : start - first + self._samples]
         if not np.all(np.isfinite(taken)):
             return NOT_NUMBERS
@@ -274,22 +230,15 @@ class Listening:
         with self._changed:
             if not self._wait(lambda: self._samples):
                 return self._missing()
-            if 0 < self._gaps.first < self._samples:
-                return self._gaps.words
             taken = self._kept_samples()[1][: self._samples]
         return taken if np.all(np.isfinite(taken)) else NOT_NUMBERS
 
     def samples_from(self, begin_ns: int, samples: int) -> NDArray[np.float32] | str:
         """Return so many samples from a time on, or what went wrong; a stream that is late is not waited for long."""
         with self._changed:
-            # While it is unsure whether a gap is in them, one more has to come.
-            if not self._wait(lambda: max(self._sample_at(begin_ns) + samples, self._sure()), late_s=SOON_S):
-                return self._missing()
             begin = self._sample_at(begin_ns)
-            if begin < self._gaps.first:
-                begin += round(self._gaps.lasts_ns * self._rate_hz / 1e9)
-                if begin + samples > self._gaps.first:
-                    return self._gaps.words
+            if not self._wait(lambda: begin + samples, late_s=SOON_S):
+                return self._missing()
             first, held = self._kept_samples()
         if begin < first:
             return "the samples are no longer there"
@@ -301,10 +250,6 @@ class Listening:
         with self._changed:
             self._pieces.append((piece, ended_ns))
             self._count += piece.size
-            # In simulated time pieces may come whenever their thread has its turn.
-            if not self._clock.simulated:
-                begun_ns = ended_ns - self._count * 1e9 / self._rate_hz
-                self._gaps.add(self._count - piece.size, begun_ns, ended_ns)
             while self._count - self._first - self._pieces[0][0].size > self._most:
                 self._first += self._pieces.popleft()[0].size
             self._changed.notify_all()
@@ -318,20 +263,15 @@ class Listening:
         self._changed.wait_for(lambda: self._count >= wanted() or self.broken, due_s + late_s)
         return self._count >= wanted()
 
-    def _sure(self) -> int:
-        """Return how many samples have to come at least before it is sure whether some were lost."""
-        return self._count + self._gaps.unsure
-
     def _missing(self) -> str:
         return self.broken or f"only {self._count} samples came, fewer than {self._rate_hz} a second"
 
     def _start_ns(self) -> float:
-        """Return when the stream's first sample was taken, had none been lost, by the piece that was held up least."""
+        """Return when the stream's first sample was taken, as the piece that was held up least has it."""
         end, starts = self._first, []
         for piece, arrived_ns in self._pieces:
             end += piece.size
-            if end > self._gaps.first:
-                starts.append(arrived_ns - end * 1e9 / self._rate_hz)
+            starts.append(arrived_ns - end * 1e9 / self._rate_hz)
         return min(starts)
 
     def _sample_at(self, time_ns: int) -> int:
