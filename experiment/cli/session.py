@@ -19,8 +19,8 @@ from palpate.experiment.cli.options import AtConsole, ProtocolFile, StudyFolder
 from palpate.experiment.errors import LinkError, PalpateError, PauseAsked, SessionError
 
 if TYPE_CHECKING:
+    from palpate.experiment.desk.link.wire import View
     from palpate.experiment.desk.linked import LinkedConsole
-    from palpate.experiment.desk.messages import View
     from palpate.experiment.desk.questions import Console
     from palpate.experiment.protocol.models import Protocol
     from palpate.experiment.records.entries import Footer
@@ -162,7 +162,7 @@ def run(
 
 def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practice: bool) -> "View":
     from palpate.experiment import storage
-    from palpate.experiment.desk.messages import View
+    from palpate.experiment.desk.link.wire import View
     from palpate.experiment.protocol.kinds import kind_of
     from palpate.experiment.study import enrolment
 
@@ -196,7 +196,7 @@ def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole
 def _attend(folder: Path, participant: str, by: str) -> None:
     """Show the console of a session; begin the session if none is under way, and again if its process was lost."""
     from palpate.experiment.desk.console import transport
-    from palpate.experiment.desk.messages import Hello
+    from palpate.experiment.desk.link.wire import Hello
 
     path = transport.place(folder, participant)
     while True:

@@ -14,7 +14,10 @@ from math import inf
 from palpate.experiment.apparatus import host
 from palpate.experiment.clock import monotonic_ns, wall_ns
 from palpate.experiment.desk import messages, prompts, questions
-from palpate.experiment.desk.messages import ENTER, ESCAPE, Asked, Choose, Deed, Hello, Pause, Stop, View
+from palpate.experiment.desk.link import wire
+from palpate.experiment.desk.link.standing import standing
+from palpate.experiment.desk.link.wire import Asked, Choose, Deed, Hello, Pause, Stop, View
+from palpate.experiment.desk.messages import ENTER, ESCAPE
 from palpate.experiment.desk.questions import Arm, Attended, Notice, Pressed, Question, Reply
 from palpate.experiment.errors import LinkError, PalpateError, PauseAsked
 from palpate.experiment.settings import characters
@@ -203,7 +206,7 @@ class LinkedConsole:
         except PalpateError as error:
             return False, error.sentence()
         # What was typed and what was shown have entries of their own.
-        if session is not None and not (taken and isinstance(deed, messages.Typed | messages.Shown)):
+        if session is not None and not (taken and isinstance(deed, wire.Typed | wire.Shown)):
             # The words of a remark stand in its own entry.
             timed = {"t_ns", "device_us", "error_s"} if isinstance(deed, Choose) else set()
             own = {"do", "text", "reason", "done"} | timed
@@ -216,7 +219,7 @@ class LinkedConsole:
                 if isinstance(deed, Choose):
                     # Nothing can be answered any more: the session pauses, and meets the fault as it ends.
                     self._pause(Pause(), words)
-        return (taken, words) if self._handed_over(deed, counts=taken) else (False, messages.CLOSED)
+        return (taken, words) if self._handed_over(deed, counts=taken) else (False, wire.CLOSED)
 
     def _handed_over(self, deed: Deed, *, counts: bool) -> bool:
         """Let the session have the key that a deed picked, now that it is on record; False if it asks no longer."""
@@ -241,13 +244,13 @@ class LinkedConsole:
                 return self._choose(deed, who)
             case Pause() if who == "participant":
                 return self._pause(deed, questions.BY_PARTICIPANT)
-            case messages.Shown():
+            case wire.Shown():
                 return None if who == "participant" else (False, "Only the participant's screen says what it shows.")
             case _ if who == "participant":
                 return False, "The participant's screen may not ask for that."
-            case messages.Write():
+            case wire.Write():
                 return self._write(deed)
-            case messages.Typed():
+            case wire.Typed():
                 with self._changed:
                     self._ignored += deed.keys
                 return True, f"Ignored because nothing was asked: {characters.keyed(deed.keys)}."
@@ -257,7 +260,7 @@ class LinkedConsole:
                 return None
 
     def _take_remark(self, deed: Deed, session: Attended | None) -> tuple[bool, str]:
-        if isinstance(deed, messages.Shown):
+        if isinstance(deed, wire.Shown):
             return self._note_shown(deed, session)
         if session is None:
             return False, NO_SESSION
@@ -281,7 +284,7 @@ class LinkedConsole:
             self.tell(Notice(f"{done[1]} {what}"))
         return done
 
-    def _note_shown(self, deed: messages.Shown, session: Attended | None) -> tuple[bool, str]:
+    def _note_shown(self, deed: wire.Shown, session: Attended | None) -> tuple[bool, str]:
         """Put on record what the participant's screen shows, and since when."""
         ago_ns = monotonic_ns() - deed.t_ns
         told = next((one for one in self._prompts if one.number == deed.number), None)
@@ -294,10 +297,10 @@ class LinkedConsole:
     def _choose(self, deed: Choose, who: messages.By) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
-            if asked is None or self._pressed or (asked.number != deed.question and deed.key not in messages.SAFE):
+            if asked is None or self._pressed or (asked.number != deed.question and deed.key not in wire.SAFE):
                 # What the participant presses is not what the experimenter typed.
-                self._ignored += messages.TYPED.get(deed.key, deed.key) if who == "experimenter" else ""
-                return False, messages.CLOSED
+                self._ignored += wire.TYPED.get(deed.key, deed.key) if who == "experimenter" else ""
+                return False, wire.CLOSED
             if deed.key not in {choice.key for choice in asked.choices}:
                 early = deed.key == ENTER and self._view.pause_until_ns is not None
                 until = " until the countdown is over" if early else ""
@@ -305,7 +308,7 @@ class LinkedConsole:
             if deed.key not in {choice.key for choice in self._may(asked, who)}:
                 return False, NOT_THEIRS[who]
             at_ns = min(max(deed.t_ns, self._opened_ns), monotonic_ns())
-            if at_ns != deed.t_ns and deed.key not in messages.SAFE:
+            if at_ns != deed.t_ns and deed.key not in wire.SAFE:
                 return False, "That key cannot have been pressed then."
             self._pick(deed, asked, deed.key, at_ns)
             self._by = who
@@ -320,7 +323,7 @@ class LinkedConsole:
         self._picked, self._chosen_at_ns = (deed, asked.number, key), at_ns
         self._deed, self._by = deed, "experimenter"
 
-    def _write(self, deed: messages.Write) -> tuple[bool, str]:
+    def _write(self, deed: wire.Write) -> tuple[bool, str]:
         text = characters.one_line(deed.text.strip()) if deed.text.strip() else ""
         with self._changed:
             asked = self._view.question
@@ -389,7 +392,7 @@ class LinkedConsole:
                 said = characters.plain(" ".join(text.split("\n")).strip())
                 with self._changed:
                     self._anchored = said if again else self._anchored
-                    self._now(lines=(*self._view.lines, said)[-messages.LINES :])
+                    self._now(lines=(*self._view.lines, said)[-wire.LINES :])
             case questions.At(step=step, steps=steps):
                 if step != self._view.step:
                     self.tell(Notice(NEXT.format(step=step)))
@@ -535,7 +538,7 @@ class LinkedConsole:
 
     def ended(self, words: str, exit_code: int) -> None:
         """Tell that the process ends, and once more what belongs in the lab book."""
-        over = messages.Ended(words="\n".join(filter(None, (words, self._anchored))), exit_code=exit_code)
+        over = wire.Ended(words="\n".join(filter(None, (words, self._anchored))), exit_code=exit_code)
         self._now(state="ended", question=None, trial=None, lay_out="", heard="", ended=over)
 
     def _now(self, **changed: object) -> None:
@@ -613,5 +616,5 @@ class LinkedConsole:
 
 def _standing(session: Attended) -> dict[str, object]:
     """Return what a view says of how far a session is, and its label."""
-    standing = session.standing()
-    return {"standing": standing, "label": "" if standing.purpose == "STUDY" else standing.purpose}
+    done = session.done()
+    return {"standing": standing(done), "label": "" if done.header.purpose == "STUDY" else done.header.purpose}

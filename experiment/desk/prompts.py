@@ -9,7 +9,8 @@ break, a fault at the end, the label of a practice, and how many trials are answ
 from collections.abc import Mapping
 from typing import get_args
 
-from palpate.experiment.desk.messages import ENTER, Asked, Gauges, Label, Prompt, Show, View
+from palpate.experiment.desk.link.wire import Asked, View
+from palpate.experiment.desk.messages import ENTER, Gauges, Label, Prompt, Show
 from palpate.experiment.desk.questions import DEBRIEFING, STEP
 from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol

@@ -12,6 +12,7 @@ from palpate.experiment.clock import minutes
 from palpate.experiment.desk import messages
 from palpate.experiment.desk.messages import ENTER, ESCAPE, By, Choice, Kind
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY, Mode
+from palpate.experiment.records.progress import Progress
 
 YES, NO = "y", "n"
 """The keys that say whether something is so: not Enter, which most questions take, and which ends a pasted command."""
@@ -442,7 +443,7 @@ class Attended(Protocol):
     def gauges(self) -> messages.Gauges | None:
         """Return what is measured now; None in a pause."""
 
-    def standing(self) -> messages.Standing:
+    def done(self) -> Progress:
         """Return how far the session is."""
 
     def remark(self, remark: Remark) -> tuple[bool, str]:

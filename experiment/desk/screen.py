@@ -22,7 +22,8 @@ from palpate.experiment.apparatus.display import ScreenRig
 from palpate.experiment.clock import monotonic_ns, wall_ns
 from palpate.experiment.desk import pages
 from palpate.experiment.desk.link import Line
-from palpate.experiment.desk.messages import Choose, Deed, Hello, Pause, Prompt, Shown
+from palpate.experiment.desk.link.wire import Choose, Deed, Hello, Pause, Shown
+from palpate.experiment.desk.messages import Prompt
 from palpate.experiment.desk.pages import Page
 from palpate.experiment.desk.pages.lettering import font_for
 from palpate.experiment.errors import DisplayError, LinkError

@@ -11,18 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.clock import Clock
-from palpate.experiment.desk.messages import (
-    RECENT,
-    Correct,
-    Gauges,
-    Lamp,
-    Prompt,
-    Repeat,
-    Standing,
-    TakeNote,
-    TellIncident,
-    Told,
-)
+from palpate.experiment.desk.messages import Correct, Gauges, Lamp, Prompt, Repeat, TakeNote, TellIncident
 from palpate.experiment.desk.questions import Question, Remark, Report
 from palpate.experiment.errors import RosterError
 from palpate.experiment.protocol import files
@@ -178,8 +167,8 @@ class Attendance:
             **(dict(measured) | {"lamps": (*measured.lamps, *self._audio(), *heard, self._disk())}),
         )
 
-    def standing(self) -> Standing:
-        return standing(self.exposed.log.done)
+    def done(self) -> Progress:
+        return self.exposed.log.done
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
         return self.remarks.take(remark)
@@ -220,14 +209,14 @@ class Paused:
         """Tell of the session of a dataset whose journal at `path` has these contents."""
         self._dataset, self._path = dataset, path
         self._header = contents.header
-        self._standing = standing(progress(contents.entries))
+        self._done = progress(contents.entries)
         self.clock = clock
 
     def gauges(self) -> None:
         return None
 
-    def standing(self) -> Standing:
-        return self._standing
+    def done(self) -> Progress:
+        return self._done
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
         if isinstance(remark, TellIncident):
@@ -297,19 +286,3 @@ def _no_trial(note: TakeNote, header: entries.Header) -> str:
     if note.trial is None or note.trial in {planned.trial for planned in header.order}:
         return ""
     return f"Trial {note.trial}: this session has trials 1 to {len(header.order)}; the note was not written."
-
-
-def standing(done: Progress) -> Standing:
-    """Return how far a session is, as a console shows it."""
-    recent = [
-        Told(trial=trial, words=said or "no answer", corrected=trial in done.corrected)
-        for trial, said in done.said[-RECENT:]
-    ]
-    return Standing(
-        task=done.header.task,
-        purpose=done.header.purpose,
-        trials=done.trials,
-        answered=len(done.answered),
-        remaining=len(done.remaining),
-        recent=tuple(recent),
-    )

@@ -28,14 +28,17 @@ from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock, monotonic_ns
 from palpate.experiment.desk.link import Link
+from palpate.experiment.desk.link.wire import View
 from palpate.experiment.desk.linked import LinkedConsole
-from palpate.experiment.desk.messages import Gauges, Lamp, Prompt, Standing, View
+from palpate.experiment.desk.messages import Gauges, Lamp, Prompt
 from palpate.experiment.desk.questions import Console, Remark
 from palpate.experiment.desk.voice import ear as ears
 from palpate.experiment.desk.voice.ear import Ear
 from palpate.experiment.desk.voice.matching import enrolled
+from palpate.experiment.records.progress import Progress
 from tests.benchmarks.console import ATTEND
 from tests.benchmarks.pictures import display
+from tests.experiment.desk.attended import done
 
 OPENS_S = 60.0
 MOVES_S, HEIGHTS = 3.0, 90
@@ -55,8 +58,8 @@ class Moving:
         ours = (Lamp(name="tracker", good=True, words="1000 Hz"), *lamps)
         return Gauges(left_s=3000.0, trace=tuple(heights.tolist()), trace_unit="mm", last="200 mm/s", lamps=ours)
 
-    def standing(self) -> Standing:
-        return Standing(task="virtual", purpose="REHEARSAL", trials=40, answered=3, remaining=37)
+    def done(self) -> Progress:
+        return done("REHEARSAL", trials=40, answered=3)
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
         raise AssertionError(f"nobody said {remark}")

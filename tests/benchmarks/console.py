@@ -27,7 +27,8 @@ from contextlib import closing
 from pathlib import Path
 
 from palpate.experiment.desk.link import Link
-from palpate.experiment.desk.messages import Asked, Choice, Choose, Deed, Gauges, Hello, Message, View
+from palpate.experiment.desk.link.wire import Asked, Choose, Deed, Hello, View
+from palpate.experiment.desk.messages import Choice, Gauges, Message
 
 KEYS = "abcdefghijkl"
 """Each comes again after more than a second, so that none counts as held."""
@@ -38,7 +39,7 @@ ATTEND = """
 import sys
 from pathlib import Path
 from palpate.experiment.desk.console.app import attend
-from palpate.experiment.desk.messages import Hello
+from palpate.experiment.desk.link.wire import Hello
 attend(Path(sys.argv[1]), Hello(role="console", by="benchmark"))
 """
 

@@ -27,8 +27,9 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from palpate.experiment.desk.link import Link
+from palpate.experiment.desk.link.wire import Hello, Stop, View
 from palpate.experiment.desk.linked import LinkedConsole
-from palpate.experiment.desk.messages import ENTER, Hello, Stop, View
+from palpate.experiment.desk.messages import ENTER
 from palpate.experiment.desk.questions import Confirm, TrialAnswer
 from palpate.experiment.errors import PauseAsked
 
@@ -40,7 +41,7 @@ ATTEND = """
 import sys
 from pathlib import Path
 from palpate.experiment.desk.console.app import attend
-from palpate.experiment.desk.messages import Hello
+from palpate.experiment.desk.link.wire import Hello
 attend(Path(sys.argv[1]), Hello(role="console", by="benchmark"))
 """
 

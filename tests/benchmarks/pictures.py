@@ -36,7 +36,8 @@ from palpate.experiment.desk import link
 from palpate.experiment.desk.console import transport
 from palpate.experiment.desk.console.app import Console, Left
 from palpate.experiment.desk.link import Link
-from palpate.experiment.desk.messages import Asked, Choice, Ended, Gauges, Hello, Lamp, Standing, Told, View
+from palpate.experiment.desk.link.wire import Asked, Ended, Hello, Standing, Told, View
+from palpate.experiment.desk.messages import Choice, Gauges, Lamp
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.kinds.footstep import Footstep

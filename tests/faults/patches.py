@@ -393,7 +393,7 @@ PATCHES = (
     ),
     Patch(
         "a console that reads nothing is never away",
-        "experiment/desk/link.py",
+        "experiment/desk/link/__init__.py",
         "        return bool(self.unsent or self.secret) and time.monotonic() - self.read_s > AWAY_S\n",
         "        return False\n",
         (f"{_T}desk/test_link.py::test_a_console_that_stops_reading_is_away_until_it_reads_again",),

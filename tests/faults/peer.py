@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, cast
 from palpate.experiment.apparatus.display import ScreenRig
 from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk.link import Line
-from palpate.experiment.desk.messages import Hello
+from palpate.experiment.desk.link.wire import Hello
 from palpate.experiment.desk.screen import Feed, Screen
 from palpate.experiment.errors import LinkError
 

@@ -32,7 +32,8 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.desk import link
 from palpate.experiment.desk.console import transport
-from palpate.experiment.desk.messages import Choose, Pause, Reply, Stop, TakeNote, View
+from palpate.experiment.desk.link.wire import Choose, Pause, Reply, Stop, View
+from palpate.experiment.desk.messages import TakeNote
 from palpate.experiment.records import journal
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal

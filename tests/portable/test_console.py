@@ -15,7 +15,7 @@ import pytest
 from palpate.experiment import storage
 from palpate.experiment.desk.console import transport
 from palpate.experiment.desk.link import Line
-from palpate.experiment.desk.messages import Stop
+from palpate.experiment.desk.link.wire import Stop
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Footer
 from tests.experiment.protocol.small import SMALL

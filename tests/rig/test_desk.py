@@ -14,7 +14,8 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment import storage
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.link import Line
-from palpate.experiment.desk.messages import Choose, Correct, Hello, Pause, Prompt, Repeat, Stop, TakeNote, Typed, View
+from palpate.experiment.desk.link.wire import Choose, Hello, Pause, Stop, Typed, View
+from palpate.experiment.desk.messages import Correct, Prompt, Repeat, TakeNote
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import (
     Answer,

@@ -23,19 +23,8 @@ from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk import pages
 from palpate.experiment.desk.console.transport import answers
 from palpate.experiment.desk.link import Line, Link
-from palpate.experiment.desk.messages import (
-    ENTER,
-    Choose,
-    Deed,
-    Hello,
-    Message,
-    Pause,
-    Prompt,
-    Shown,
-    Stop,
-    View,
-    Write,
-)
+from palpate.experiment.desk.link.wire import Choose, Deed, Hello, Pause, Shown, Stop, View, Write
+from palpate.experiment.desk.messages import ENTER, Message, Prompt
 from palpate.experiment.desk.pages import lettering
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import entries, journal, transcript

@@ -30,7 +30,7 @@ from palpate.experiment.apparatus.wires.settings import TriggerEvents, TriggerRi
 from palpate.experiment.apparatus.wires.triggers import SessionTriggers, TriggerLine
 from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
 from palpate.experiment.dataset.verify import verify
-from palpate.experiment.desk.messages import Stop
+from palpate.experiment.desk.link.wire import Stop
 from palpate.experiment.errors import RigError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal

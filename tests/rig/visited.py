@@ -16,7 +16,7 @@ from pathlib import Path
 
 from palpate.experiment.desk.console import transport
 from palpate.experiment.desk.link import Line
-from palpate.experiment.desk.messages import Choose, Hello, Reply, View, Write
+from palpate.experiment.desk.link.wire import Choose, Hello, Reply, View, Write
 from palpate.experiment.desk.questions import WITHOUT
 from tests.rig.laboratory import HURRIED
 

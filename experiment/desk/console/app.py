@@ -21,7 +21,7 @@ from palpate.experiment.desk.console import forms, picture
 from palpate.experiment.desk.console.panes import Board
 from palpate.experiment.desk.console.picture import COMMANDS, PRESSES, keycap
 from palpate.experiment.desk.console.presses import MOUSE, Chosen, Presses
-from palpate.experiment.desk.link import Line
+from palpate.experiment.desk.link import Line, wire
 from palpate.experiment.errors import LinkError
 
 PAUSE, LEAVE = "f7", "f9"
@@ -37,7 +37,7 @@ FIELDS = {"tab": Screen.focus_next, "shift+tab": Screen.focus_previous}
 SCROLLS = ("pageup", "pagedown", "up", "down")
 """Keys that scroll, as often as they are pressed."""
 
-GONE = messages.Asked(
+GONE = wire.Asked(
     number=-1,
     kind="continue",
     text="The session's process is gone. Nothing that was confirmed is lost: every answer is on disk before the next "
@@ -60,11 +60,11 @@ class Left:
     """Why a console was left: the session `ended`, its process was lost, to be run `again` or not, or it goes on."""
 
     why: Literal["ended", "gone", "left"]
-    ended: messages.Ended | None = None
+    ended: wire.Ended | None = None
     again: bool = False
 
 
-def attend(path: Path, hello: messages.Hello) -> Left:
+def attend(path: Path, hello: wire.Hello) -> Left:
     """Show the console of the session that listens at `path` until it is left, and return why.
 
     Raises `LinkError` if none listens or it is of another version, and a fault of the console; the session goes on.
@@ -86,7 +86,7 @@ def attend(path: Path, hello: messages.Hello) -> Left:
 class Heard(Message):
     """The session said something."""
 
-    def __init__(self, said: messages.View | messages.Reply) -> None:
+    def __init__(self, said: wire.View | wire.Reply) -> None:
         super().__init__()
         self.said = said
 
@@ -115,13 +115,13 @@ class Console(App[Left]):
         self.misunderstood: LinkError | None = None
         self.failed: Exception | None = None
         self._line = line
-        self.view_now = messages.View()
+        self.view_now = wire.View()
         self._lost = self._stands = False
         self._heard_s = time.monotonic()
         self._presses = Presses()
         self._chosen: Chosen | None = None
         self._form: forms.Form | None = None
-        self._sent: dict[int, messages.Deed] = {}
+        self._sent: dict[int, wire.Deed] = {}
         self._filled: int | None = None
         self._board = Board()
         # Whether what is told above the question was told, or has stood, beside one already.
@@ -175,7 +175,7 @@ class Console(App[Left]):
 
     def on_heard(self, message: Heard) -> None:
         said = message.said
-        if isinstance(said, messages.Reply):
+        if isinstance(said, wire.Reply):
             self._replied(said)
             return
         before, state = self._question, self.view_now.state
@@ -203,7 +203,7 @@ class Console(App[Left]):
         self._presses.drawn(None, time.monotonic())
         self._close()
 
-    def _replied(self, reply: messages.Reply) -> None:
+    def _replied(self, reply: wire.Reply) -> None:
         deed = self._sent.pop(reply.id, None)
         if self._chosen is not None and self._chosen.sent == reply.id:
             self._chosen.taken = reply.taken
@@ -212,19 +212,19 @@ class Console(App[Left]):
         if filled:
             self._filled = None
         if not reply.taken:
-            self._say(reply.words, "ignored" if reply.words == messages.CLOSED else "refused")
-        elif not isinstance(deed, messages.Typed):
+            self._say(reply.words, "ignored" if reply.words == wire.CLOSED else "refused")
+        elif not isinstance(deed, wire.Typed):
             if reply.words:
                 self._say(reply.words, "done")
             if filled:
                 self._close()
 
     @property
-    def _question(self) -> messages.Asked | None:
+    def _question(self) -> wire.Asked | None:
         view = self.view_now
         if view.ended is not None:
             choices = (messages.Choice(key=messages.ENTER, words="close the console"),)
-            return messages.Asked(number=-2, kind="continue", text=view.ended.words, choices=choices)
+            return wire.Asked(number=-2, kind="continue", text=view.ended.words, choices=choices)
         if self._lost:
             return GONE
         asked = view.question
@@ -266,7 +266,7 @@ class Console(App[Left]):
                 return True
             if key not in (messages.ENTER, messages.ESCAPE, *COMMANDS):
                 return self._board.blanks.edit(key)
-        if held and key not in (*messages.SAFE, *SCROLLS):
+        if held and key not in (*wire.SAFE, *SCROLLS):
             pressed = f"{keycap(key)} was held down, or pressed again at once, which does not count."
             self._say(f"{pressed} If you mean it, press it after a second.", "ignored")
         else:
@@ -282,7 +282,7 @@ class Console(App[Left]):
         elif key == PAUSE and self._lost:
             self.exit(Left("gone", again=False))
         elif key == PAUSE:
-            self._send(messages.Pause())
+            self._send(wire.Pause())
         elif self._form is not None:
             self._press_in_form(key)
         elif key in FORMS and not (self._lost or self.view_now.ended):
@@ -314,21 +314,21 @@ class Console(App[Left]):
         question, seen = self._question, self._presses.seen(at_s)
         keys = {choice.key for choice in question.choices} if question is not None else set()
         key = key.lower() if key not in keys and len(key) == 1 else key
-        if len(key) > 1 and key not in keys | messages.TYPED.keys():
+        if len(key) > 1 and key not in keys | wire.TYPED.keys():
             return
         if question is None:
             self._ignore(
-                messages.TYPED.get(key, key), f"{keycap(key)} was pressed while nothing was asked, and was ignored."
+                wire.TYPED.get(key, key), f"{keycap(key)} was pressed while nothing was asked, and was ignored."
             )
-        elif question.number != seen and key not in messages.SAFE & keys:
+        elif question.number != seen and key not in wire.SAFE & keys:
             again = " If you mean it, press it again." if key in keys else ""
             words = f"{keycap(key)} was pressed before the question was on the screen, and was ignored.{again}"
-            self._ignore(messages.TYPED.get(key, key), words)
+            self._ignore(wire.TYPED.get(key, key), words)
         elif question.kind == "write" and key == messages.ENTER:
             self._open(forms.answering(question))
         elif question.number >= 0:
             self._say("")
-            sent = self._send(messages.Choose(question=question.number, key=key))
+            sent = self._send(wire.Choose(question=question.number, key=key))
             if sent is not None and question.kind == "answer":
                 self._chosen = Chosen(question.number, sent)
         elif key in keys:
@@ -345,20 +345,20 @@ class Console(App[Left]):
             self._forget()
         elif chosen.entered and question is not None:
             self._chosen = None
-            self._send(messages.Choose(question=question.number, key=messages.ENTER))
+            self._send(wire.Choose(question=question.number, key=messages.ENTER))
 
     def _forget(self) -> None:
         """Let no Enter belong to the last key any more; one that was waiting for it answered nothing."""
         chosen, self._chosen = self._chosen, None
         if chosen is not None and chosen.entered:
-            self._ignore(messages.TYPED[messages.ENTER], "Enter had nothing to confirm, and was ignored.")
+            self._ignore(wire.TYPED[messages.ENTER], "Enter had nothing to confirm, and was ignored.")
 
     def _ignore(self, typed: str, words: str) -> None:
         self._say(words, "ignored")
         if typed and not self._lost:
-            self._send(messages.Typed(keys=typed[:200]))
+            self._send(wire.Typed(keys=typed[:200]))
 
-    def _send(self, deed: messages.Deed) -> int | None:
+    def _send(self, deed: wire.Deed) -> int | None:
         try:
             sent = self._line.send(deed)
         except LinkError:

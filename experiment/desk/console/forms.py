@@ -3,19 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from palpate.experiment.desk.messages import (
-    Asked,
-    Choice,
-    Correct,
-    Deed,
-    Pause,
-    Repeat,
-    Stop,
-    TakeNote,
-    TellIncident,
-    View,
-    Write,
-)
+from palpate.experiment.desk.link.wire import Asked, Deed, Pause, Stop, View, Write
+from palpate.experiment.desk.messages import Choice, Correct, Repeat, TakeNote, TellIncident
 from palpate.experiment.settings import characters
 
 MOST_MIN = 240.0

@@ -15,7 +15,8 @@ from palpate.experiment.clock import wall_ns
 from palpate.experiment.desk.console import picture
 from palpate.experiment.desk.console.forms import MOST_CHARACTERS, Form
 from palpate.experiment.desk.console.picture import STEPS, Phase
-from palpate.experiment.desk.messages import Asked, Choice, View
+from palpate.experiment.desk.link.wire import Asked, View
+from palpate.experiment.desk.messages import Choice
 
 WIDE, TALL = 110, 30
 """From so many columns and rows on there is room for more words."""

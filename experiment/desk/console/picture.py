@@ -9,7 +9,8 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from palpate.experiment.desk.messages import ENTER, Asked, Choice, Gauges, Lamp, Told, View
+from palpate.experiment.desk.link.wire import Asked, Told, View
+from palpate.experiment.desk.messages import ENTER, Choice, Gauges, Lamp
 
 PRESSES = "presses"
 """The name under which a style carries the key that a click on the text presses."""

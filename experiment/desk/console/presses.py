@@ -5,7 +5,7 @@ Enter right after an answer's key belongs to that key, and confirms it however l
 
 from dataclasses import dataclass
 
-from palpate.experiment.desk.messages import Asked
+from palpate.experiment.desk.link.wire import Asked
 
 HELD_S = 0.75
 """The same key again after less time than this is held down, s: a held key repeats after at most 0.66 s on X11, Wayland

@@ -6,9 +6,21 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Any
 
+from palpate.experiment.desk.link.wire import Choose, Deed, Hello
 from palpate.experiment.desk.linked import LinkedConsole
-from palpate.experiment.desk.messages import Choose, Deed, Gauges, Hello, Prompt, Standing
+from palpate.experiment.desk.messages import Gauges, Prompt
 from palpate.experiment.desk.questions import Remark
+from palpate.experiment.records.entries import Purpose
+from palpate.experiment.records.progress import Progress
+from tests.experiment.session.bench import header
+
+
+def done(purpose: Purpose, trials: int = 0, answered: int = 0) -> Progress:
+    """Return a session's progress: of so many trials so many are answered."""
+    named = header("virtual")
+    order = tuple(named.order[0].model_copy(update={"trial": trial}) for trial in range(1, trials + 1))
+    of = named.model_copy(update={"purpose": purpose, "order": order, "block_trials": max(trials, 1)})
+    return Progress(of, said=tuple((trial, "felt") for trial in range(1, answered + 1)))
 
 
 class Recorded:
@@ -23,8 +35,8 @@ class Recorded:
     def gauges(self) -> Gauges:
         return self.measured
 
-    def standing(self) -> Standing:
-        return Standing(purpose="STUDY")
+    def done(self) -> Progress:
+        return done("STUDY")
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
         raise AssertionError(f"nobody remarks: {remark}")

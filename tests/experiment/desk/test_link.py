@@ -24,18 +24,8 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.desk import link
 from palpate.experiment.desk.console import transport
 from palpate.experiment.desk.link import Line, Link, from_console
-from palpate.experiment.desk.messages import (
-    Command,
-    Deed,
-    Gauges,
-    Hello,
-    Message,
-    Pause,
-    Reply,
-    TakeNote,
-    View,
-    line,
-)
+from palpate.experiment.desk.link.wire import Command, Deed, Hello, Pause, Reply, View, line
+from palpate.experiment.desk.messages import Gauges, Message, TakeNote
 from palpate.experiment.errors import LinkError
 from tests.approved import Refuses
 

@@ -14,28 +14,21 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.desk import linked as linked_module
 from palpate.experiment.desk import questions
-from palpate.experiment.desk.linked import LinkedConsole
-from palpate.experiment.desk.messages import (
+from palpate.experiment.desk.link.standing import standing
+from palpate.experiment.desk.link.wire import (
     CLOSED,
-    ENTER,
-    ESCAPE,
     Asked,
-    By,
     Choose,
-    Correct,
     Deed,
-    Gauges,
     Hello,
     Pause,
-    Prompt,
-    Repeat,
-    Standing,
     Stop,
-    TakeNote,
     Typed,
     View,
     Write,
 )
+from palpate.experiment.desk.linked import LinkedConsole
+from palpate.experiment.desk.messages import ENTER, ESCAPE, By, Correct, Gauges, Prompt, Repeat, TakeNote
 from palpate.experiment.desk.questions import (
     YES,
     Agree,
@@ -61,8 +54,9 @@ from palpate.experiment.desk.questions import (
     TrialAnswer,
 )
 from palpate.experiment.errors import JournalError, LinkError, PauseAsked
+from palpate.experiment.records.progress import Progress
 from tests.approved import Refuses
-from tests.experiment.desk.attended import Desk, Inline
+from tests.experiment.desk.attended import Desk, Inline, done
 
 ME = Hello(role="console", by="test")
 ANSWERS, OTHERS = {"c": "copy paper", "p": "polypropylene"}, {"r": "do this trial again"}
@@ -82,8 +76,8 @@ class Attending:
     def gauges(self) -> Gauges:
         return Gauges(left_s=60.0)
 
-    def standing(self) -> Standing:
-        return Standing(task="virtual", purpose="PILOT", trials=4, answered=1, remaining=3)
+    def done(self) -> Progress:
+        return done("PILOT", trials=4, answered=1)
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
         self.remarks.append(remark)
@@ -329,7 +323,9 @@ def test_what_was_reached_stays_on_the_screen_of_a_pause(bench: Bench) -> None:
     before = shown(bench.linked)
     bench.linked.attend(None)
     after = shown(bench.linked)
-    assert (after.label, after.standing) == (before.label, before.standing) == ("PILOT", bench.attending.standing())
+    assert (
+        (after.label, after.standing) == (before.label, before.standing) == ("PILOT", standing(bench.attending.done()))
+    )
 
 
 def test_a_link_that_failed_ends_what_is_waited_for_and_what_would_be(

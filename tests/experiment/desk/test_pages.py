@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
 from palpate.experiment.desk import pages, prompts
-from palpate.experiment.desk.messages import ENTER, Asked, Prompt, Show, View
+from palpate.experiment.desk.link.wire import Asked, View
+from palpate.experiment.desk.messages import ENTER, Prompt, Show
 from palpate.experiment.desk.pages import BACKGROUND, CAP, LIT, MUTED, OUTLINE, TEXT, Page, lettering
 from palpate.experiment.desk.pages.lettering import Colour
 from palpate.experiment.desk.questions import Play

@@ -16,25 +16,8 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk import linked
 from palpate.experiment.desk.link import Line, Link
-from palpate.experiment.desk.messages import (
-    ENTER,
-    Asked,
-    Choose,
-    Correct,
-    Deed,
-    Hello,
-    Kind,
-    Pause,
-    Prompt,
-    Repeat,
-    Reply,
-    Shown,
-    Stop,
-    TakeNote,
-    Typed,
-    View,
-    Write,
-)
+from palpate.experiment.desk.link.wire import Asked, Choose, Deed, Hello, Pause, Reply, Shown, Stop, Typed, View, Write
+from palpate.experiment.desk.messages import ENTER, Correct, Kind, Prompt, Repeat, TakeNote
 from palpate.experiment.desk.questions import (
     STEP,
     YES,

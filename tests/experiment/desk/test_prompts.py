@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 
-from palpate.experiment.desk.messages import ENTER, Asked, By, Choice, Ended, Gauges, Prompt, Standing, View, line
+from palpate.experiment.desk.link.wire import Asked, Ended, Standing, View, line
+from palpate.experiment.desk.messages import ENTER, By, Choice, Gauges, Prompt
 from palpate.experiment.desk.prompts import AT_QUESTION, prompt, shown_answers
 from palpate.experiment.desk.questions import ANSWERED_BY, STEP, Level, TrialAnswer, keyed
 from palpate.experiment.protocol.files import ProtocolFile

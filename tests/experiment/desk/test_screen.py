@@ -18,7 +18,8 @@ from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig
 from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk import pages, screen
 from palpate.experiment.desk.link import Line, Link
-from palpate.experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Pause, Prompt, Shown, View
+from palpate.experiment.desk.link.wire import Choose, Deed, Hello, Pause, Shown, View
+from palpate.experiment.desk.messages import ENTER, Message, Prompt
 from palpate.experiment.desk.pages import lettering
 from palpate.experiment.desk.screen import Feed, Heard, Screen
 from palpate.experiment.errors import DisplayError, LinkError

@@ -6,18 +6,8 @@ from typing import get_args
 
 from hypothesis import strategies as st
 
-from palpate.experiment.desk.messages import (
-    ENTER,
-    Asked,
-    Choice,
-    Ended,
-    Gauges,
-    Kind,
-    Lamp,
-    Standing,
-    Told,
-    View,
-)
+from palpate.experiment.desk.link.wire import Asked, Ended, Standing, Told, View
+from palpate.experiment.desk.messages import ENTER, Choice, Gauges, Kind, Lamp
 from palpate.experiment.protocol.rules import HEARD_KEY, PROBE_KEY
 
 MARK = "aluminum foil"

@@ -14,7 +14,9 @@ from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import DATASET
-from palpate.experiment.desk.messages import Correct, Gauges, Repeat, Standing, TakeNote
+from palpate.experiment.desk.link.standing import standing
+from palpate.experiment.desk.link.wire import Standing
+from palpate.experiment.desk.messages import Correct, Gauges, Repeat, TakeNote
 from palpate.experiment.desk.questions import (
     Arm,
     Attended,
@@ -321,7 +323,7 @@ def test_the_desk_is_told_which_answers_were_corrected(protocol: Protocol, tmp_p
     one = bench("cpt")
     told: list[Standing] = []
     keys: list[str | Remark] = ["c", Correct(trial=1, key="t", reason="misheard"), "p", "t"]
-    one.console = Attentive(one.clock, keys, lambda session, *_: told.append(session.standing()))
+    one.console = Attentive(one.clock, keys, lambda session, *_: told.append(standing(session.done())))
     one.run(protocol, header("virtual"), tmp_path)
     recent = [(answer.trial, answer.words, answer.corrected) for answer in told[-1].recent]
     assert recent == [(1, "typing paper", True), (2, "polypropylene", False)]
@@ -356,7 +358,13 @@ def test_what_is_asked_for_after_a_sessions_end_is_refused(
 def test_a_desk_is_told_how_far_the_session_is_and_never_what_was_presented(protocol: Protocol, tmp_path: Path) -> None:
     told: list[tuple[Gauges, Standing]] = []
     one = bench("cnt")
-    one.console = Attentive(one.clock, "cnt", lambda session, *_: told.append((session.gauges(), session.standing())))
+
+    def looks(session: Attended, *_: int) -> None:
+        gauges = session.gauges()
+        assert gauges is not None
+        told.append((gauges, standing(session.done())))
+
+    one.console = Attentive(one.clock, "cnt", looks)
     one.run(protocol, header("virtual"), tmp_path)
     assert [standing.remaining for _, standing in told] == [3, 2, 1]
     assert [(answer.trial, answer.words) for answer in told[-1][1].recent] == [(1, "copy paper"), (2, "no answer")]
@@ -391,7 +399,7 @@ def test_a_note_in_a_pause_goes_on_record_and_changes_nothing_else(
     assert done.footer.reason == reason
     assert exposure.spent_ns(after) == exposure.spent_ns(before)
     assert exposure.ended_ns(after) == before.lines[-1].t_ns
-    assert session.standing().answered == len(done.answered)
+    assert standing(session.done()).answered == len(done.answered)
 
 
 def test_a_session_whose_participant_withdrew_in_the_pause_takes_no_note(

@@ -15,7 +15,8 @@ from textual.pilot import Pilot
 
 from palpate.experiment.desk.console.app import Console, Left
 from palpate.experiment.desk.link import Line, Link
-from palpate.experiment.desk.messages import Asked, Choice, Deed, Hello, Message, Typed, View
+from palpate.experiment.desk.link.wire import Asked, Deed, Hello, Typed, View
+from palpate.experiment.desk.messages import Choice, Message
 from tests.experiment.desk.attended import untimed
 
 PATIENCE_S = 20.0

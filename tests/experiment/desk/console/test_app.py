@@ -20,24 +20,20 @@ from palpate.experiment.desk import link
 from palpate.experiment.desk.console import app, panes, picture, presses
 from palpate.experiment.desk.console.app import Left, attend
 from palpate.experiment.desk.console.panes import Pane
-from palpate.experiment.desk.messages import (
+from palpate.experiment.desk.link.wire import (
     CLOSED,
-    Choice,
     Choose,
-    Correct,
     Ended,
-    Gauges,
     Hello,
     Pause,
-    Repeat,
     Standing,
     Stop,
-    TakeNote,
     Told,
     Typed,
     View,
     Write,
 )
+from palpate.experiment.desk.messages import Choice, Correct, Gauges, Repeat, TakeNote
 from palpate.experiment.errors import LinkError
 from tests.approved import Refuses
 from tests.experiment.desk.console.scripted import Desk, desk, question

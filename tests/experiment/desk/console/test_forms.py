@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.desk.console import forms
-from palpate.experiment.desk.messages import Choice, Pause, Standing, TakeNote, Told, View
+from palpate.experiment.desk.link.wire import Pause, Standing, Told, View
+from palpate.experiment.desk.messages import Choice, TakeNote
 from tests.approved import Refuses
 from tests.experiment.desk.console.scripted import question
 

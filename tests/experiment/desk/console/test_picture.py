@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.desk.console import picture
-from palpate.experiment.desk.messages import Asked, Choice, Ended, Gauges, Lamp, View
+from palpate.experiment.desk.link.wire import Asked, Ended, View
+from palpate.experiment.desk.messages import Choice, Gauges, Lamp
 from palpate.experiment.errors import Interrupted
 
 FINITE = st.floats(-1e6, 1e6)

@@ -20,6 +20,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from palpate.experiment.apparatus import host
 from palpate.experiment.desk import messages
 from palpate.experiment.desk.console import transport
+from palpate.experiment.desk.link import wire
 from palpate.experiment.errors import LinkError
 from palpate.experiment.settings import characters
 
@@ -42,11 +43,11 @@ AWAY_S = 5.0
 """One that reads nothing for so long although something is there, as a process does that was stopped, is away, s."""
 
 
-_FROM_SESSION: TypeAdapter[messages.View | messages.Prompt | messages.Reply] = TypeAdapter(
-    Annotated[messages.View | messages.Prompt | messages.Reply, Field(discriminator="kind")]
+_FROM_SESSION: TypeAdapter[wire.View | messages.Prompt | wire.Reply] = TypeAdapter(
+    Annotated[wire.View | messages.Prompt | wire.Reply, Field(discriminator="kind")]
 )
-_FROM_CONSOLE: TypeAdapter[messages.Hello | messages.Command] = TypeAdapter(
-    Annotated[messages.Hello | messages.Command, Field(discriminator="kind")]
+_FROM_CONSOLE: TypeAdapter[wire.Hello | wire.Command] = TypeAdapter(
+    Annotated[wire.Hello | wire.Command, Field(discriminator="kind")]
 )
 
 
@@ -56,7 +57,7 @@ class SessionEnd(Protocol):
     def message(self, role: str) -> messages.Message:
         """Return what a console (`console`) or the participant's screen (`screen`) shows now."""
 
-    def take(self, hello: messages.Hello, deed: messages.Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
+    def take(self, hello: wire.Hello, deed: wire.Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
         """Return whether a command was taken, and in words what was done, or why not; later, where that takes time."""
 
     def came(self, consoles: int, screens: int) -> None:
@@ -73,7 +74,7 @@ class _Peer:
         """What it has to know before it is heard; nothing once it has shown that."""
         self.expected = b""
         """What shows that, once it has sent its nonce."""
-        self.hello: messages.Hello | None = None
+        self.hello: wire.Hello | None = None
         self.read = bytearray()
         self.unsent = bytearray()
         self.read_s = time.monotonic()
@@ -176,7 +177,7 @@ class Link:
 
     def _hear(self, peer: _Peer) -> None:
         try:
-            read = peer.connection.recv(transport.SECRET - len(peer.read) if peer.secret else messages.LONGEST)
+            read = peer.connection.recv(transport.SECRET - len(peer.read) if peer.secret else wire.LONGEST)
         except OSError:
             read = b""
         peer.read += read
@@ -185,7 +186,7 @@ class Link:
             return
         *lines, rest = peer.read.split(b"\n")
         peer.read = bytearray(rest)
-        if not read or len(rest) > messages.LONGEST:
+        if not read or len(rest) > wire.LONGEST:
             self._drop(peer)
             return
         for one in lines:
@@ -210,8 +211,8 @@ class Link:
         else:
             self._drop(peer)
 
-    def _obey(self, peer: _Peer, said: messages.Hello | messages.Command) -> None:
-        if isinstance(said, messages.Hello):
+    def _obey(self, peer: _Peer, said: wire.Hello | wire.Command) -> None:
+        if isinstance(said, wire.Hello):
             if peer.hello is not None:
                 raise LinkError("said hello twice")
             peer.hello = said
@@ -235,7 +236,7 @@ class Link:
                 self._owed.append((peer, number, reply))
 
     def _reply(self, peer: _Peer, number: int, taken: bool, words: str) -> None:
-        peer.unsent += messages.line(messages.Reply(id=number, taken=taken, words=words))
+        peer.unsent += wire.line(wire.Reply(id=number, taken=taken, words=words))
 
     def _speak(self, peer: _Peer) -> None:
         if peer.secret and peer.away:
@@ -259,7 +260,7 @@ class Link:
         said = self._end.message(role)
         if isinstance(said, messages.Prompt):
             self._tick_s = TICK_S if said.hand_mm is None else HAND_S
-        told, now_s = messages.line(said), time.monotonic()
+        told, now_s = wire.line(said), time.monotonic()
         if not peer.unsent and (told != peer.told or now_s - peer.told_s > BEAT_S):
             peer.told, peer.told_s = told, now_s
             peer.unsent += told
@@ -279,7 +280,7 @@ class Link:
 class Line:
     """A console's end of the link."""
 
-    def __init__(self, path: Path, hello: messages.Hello) -> None:
+    def __init__(self, path: Path, hello: wire.Hello) -> None:
         """Connect. Raises `LinkError` if no session listens there."""
         self._lock = threading.Lock()
         self._sent = 0
@@ -290,19 +291,19 @@ class Line:
             raise LinkError(f"no session listens at {path} ({error.strerror or error})", remedy="begin one") from error
         # A session that ends just now is found gone by whoever asks it.
         with suppress(OSError):
-            self._connection.sendall(messages.line(hello))
+            self._connection.sendall(wire.line(hello))
 
-    def send(self, deed: messages.Deed) -> int:
+    def send(self, deed: wire.Deed) -> int:
         """Send a command, and return its id. Raises `LinkError` if the session is gone."""
         with self._lock:
             self._sent += 1
             try:
-                self._connection.sendall(messages.line(messages.Command(id=self._sent, deed=deed)))
+                self._connection.sendall(wire.line(wire.Command(id=self._sent, deed=deed)))
             except OSError as error:
                 raise LinkError("the session is gone") from error
             return self._sent
 
-    def messages(self) -> Iterator[messages.View | messages.Prompt | messages.Reply]:
+    def messages(self) -> Iterator[wire.View | messages.Prompt | wire.Reply]:
         """Yield the session's messages until it is gone, over several calls. Raises `LinkError` for invalid ones."""
         while True:
             said, newline, rest = self._read.partition(b"\n")
@@ -311,7 +312,7 @@ class Line:
                 yield from_session(bytes(said))
                 continue
             try:
-                more = self._connection.recv(messages.LONGEST)
+                more = self._connection.recv(wire.LONGEST)
             except OSError:
                 more = b""
             if not more:
@@ -325,7 +326,7 @@ class Line:
         self._connection.close()
 
 
-def from_session(text: bytes) -> messages.View | messages.Prompt | messages.Reply:
+def from_session(text: bytes) -> wire.View | messages.Prompt | wire.Reply:
     """Return what a line of a session says. Raises `LinkError`."""
     try:
         return _FROM_SESSION.validate_json(text)
@@ -333,7 +334,7 @@ def from_session(text: bytes) -> messages.View | messages.Prompt | messages.Repl
         raise _not_understood(text) from error
 
 
-def from_console(text: bytes) -> messages.Hello | messages.Command:
+def from_console(text: bytes) -> wire.Hello | wire.Command:
     """Return what a line of a console says. Raises `LinkError`."""
     try:
         return _FROM_CONSOLE.validate_json(text)
