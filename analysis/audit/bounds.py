@@ -20,8 +20,8 @@ from operator import or_
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.analysis.audit.intervals import Interval, either, hull, image, outward, point, rounded, sum_of
 from palpate.analysis.published.numbers import PrintedCell, Scale
-from palpate.analysis.published.printed import Interval, hull, image, outward, point, sum_of
 from palpate.analysis.statistics.inference import p_two_tailed
 
 EXACT_STEPS = 500_000
@@ -207,7 +207,7 @@ def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[i
         reading: [_column(cell, n, trials, *reading, pinned=pinned.get(i)) for i, cell in enumerate(cells)]
         for reading in (ROUNDED, SD_EITHER, EITHER)
     }
-    sums = [totals(cell.mean.either, n, trials) for cell in cells]
+    sums = [totals(either(cell.mean), n, trials) for cell in cells]
     fewest, most = sum(min(s, default=0) for s in sums), sum(max(s, default=0) for s in sums)
 
     def explains(cut: Collection[int]) -> bool:
@@ -274,10 +274,10 @@ def _has_counts(columns: Sequence[Column], n: int, trials: int, missing: int, wo
 
 
 def _column(cell: PrintedCell, n: int, trials: int, mean_cut: bool, sd_cut: bool, *, pinned: Interval | None) -> Column:
-    sums = totals(cell.mean.either if mean_cut else cell.mean.rounded, n, trials)
+    sums = totals(either(cell.mean) if mean_cut else rounded(cell.mean), n, trials)
     if cell.sd is None:
         return dict.fromkeys(sums, ANY)
-    spread = (cell.sd.either if sd_cut else cell.sd.rounded).squared()
+    spread = (either(cell.sd) if sd_cut else rounded(cell.sd)).squared()
     if pinned is not None and pinned.meets(spread):
         spread = pinned.common(spread)
     counted = spread.times(Fraction((n - 1) * trials**2))

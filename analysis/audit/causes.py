@@ -13,9 +13,10 @@ from itertools import combinations
 from palpate.analysis.audit.bounds import Work, totals
 from palpate.analysis.audit.checks import Checks, is_in, ratio_subject, stars_of
 from palpate.analysis.audit.evidence import FromPrint
+from palpate.analysis.audit.intervals import Interval, either, outward, sum_of
 from palpate.analysis.audit.mistakes import SWAPPED, TENFOLD, Line, Verdict, mistake_words, slips
 from palpate.analysis.published.numbers import Key, PrintedCell, PrintedScores, PrintedT, PrintedTable, Published
-from palpate.analysis.published.printed import Interval, Printed, outward, sum_of
+from palpate.analysis.published.printed import Printed
 from palpate.experiment.errors import PublishedError
 
 CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
@@ -172,10 +173,10 @@ def left_by(published: Published, row: Sequence[PrintedCell], but: Key | None) -
     task = published.task_named(row[0].task)
     others = [cell for cell in row if cell.key != but]
     if task is None or task.trials is None:
-        rest = sum_of(cell.mean.either for cell in others).times(Fraction(-1)).plus(Interval(Fraction(1), Fraction(1)))
+        rest = sum_of(either(cell.mean) for cell in others).times(Fraction(-1)).plus(Interval(Fraction(1), Fraction(1)))
     else:
         every = task.participants * task.trials
-        sums = [totals(cell.mean.either, task.participants, task.trials) for cell in others]
+        sums = [totals(either(cell.mean), task.participants, task.trials) for cell in others]
         if not all(sums):
             return None
         low, high = every - sum(max(one) for one in sums), every - sum(min(one) for one in sums)
@@ -281,12 +282,12 @@ def _values(
     """Yield other means and SDs of a cell: those that its test, and what its row has `left`, leave open."""
     tests, task = published.tests_by_key.get(cell.key, ()), published.task_named(cell.task)
     means: list[Interval] = [left] if left else []
-    means += [one.mean.either for one in published.cells_by_key.get(cell.key, ()) if not one.in_table]
+    means += [either(one.mean) for one in published.cells_by_key.get(cell.key, ()) if not one.in_table]
     sds: list[Interval] = []
     if tests and cell.sd is not None and tests[0].t.exact:
         n = task.participants if task else tests[0].df + 1
-        means.append(_mean_of_t(tests[0], cell.sd.either, n))
-        sds += _sd_of_t(tests[0], cell.mean.either, n)
+        means.append(_mean_of_t(tests[0], either(cell.sd), n))
+        sds += _sd_of_t(tests[0], either(cell.mean), n)
     held: tuple[tuple[str, list[Interval], Printed | None, Iterable[Printed | None]], ...] = (
         ("mean", means, cell.mean, (one.mean for one in others)),
         ("SD", sds, cell.sd, (one.sd for one in others)),
@@ -304,7 +305,7 @@ def _values(
 
 def _mean_of_t(test: PrintedT, sd: Interval, n: int) -> Interval:
     """Return the mean of `n` participants that gives the printed t with this SD."""
-    t, null = test.t.either, float(test.null)
+    t, null = either(test.t), float(test.null)
     ends = [float(a) * float(b) / math.sqrt(n) for a in (t.low, t.high) for b in (sd.low, sd.high)]
     return outward(null + min(ends), null + max(ends))
 
@@ -312,7 +313,7 @@ def _mean_of_t(test: PrintedT, sd: Interval, n: int) -> Interval:
 def _sd_of_t(test: PrintedT, mean: Interval, n: int) -> list[Interval]:
     """Return the SD of `n` participants that gives the printed t with this mean; none where t may be zero."""
     gap = sorted(abs(float(end - test.null)) for end in (mean.low, mean.high))
-    size = sorted(abs(float(end)) for end in (test.t.either.low, test.t.either.high))
+    size = sorted(abs(float(end)) for end in (either(test.t).low, either(test.t).high))
     root = math.sqrt(n)
     return [outward(gap[0] * root / size[1], gap[1] * root / size[0])] if size[0] > 0 else []
 

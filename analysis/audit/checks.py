@@ -12,9 +12,10 @@ from fractions import Fraction
 from palpate.analysis.audit import mistakes
 from palpate.analysis.audit.bounds import Moments, effect, p_of_f, p_of_t, t_of
 from palpate.analysis.audit.evidence import NO_STEPS, Evidence, Misreading, Sample, Variances
+from palpate.analysis.audit.intervals import Interval, either, hull, image
 from palpate.analysis.audit.mistakes import AGREES, Citation, Layout, Line, Mistake, Verdict, judge
 from palpate.analysis.published.numbers import PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
-from palpate.analysis.published.printed import Interval, Printed, hull, image
+from palpate.analysis.published.printed import Printed
 from palpate.analysis.statistics.inference import stars
 
 
@@ -25,7 +26,7 @@ def stars_of(p: Printed, levels: Sequence[PrintedLevel]) -> str:
 
 def stars_by_p(p: Printed, levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
     """Return the stars that the values behind a printed P can earn, most first; "none" stands for no stars."""
-    behind = p.either
+    behind = either(p)
     high = math.nextafter(float(behind.high), 0.0) if behind.open_high else float(behind.high)
     return tuple(
         mark or "none" for mark in sorted(_stars_between(float(behind.low), high, levels), key=len, reverse=True)
@@ -104,8 +105,8 @@ class Checks:
         """Return the effect sizes that agree with the printed t, read as t or else as d, or all where none does."""
         sample = self._evidence.tested(test)
         effects = _effects(sample, test.null)
-        as_t = image(lambda t: t / math.sqrt(max(sample.n, 1)), test.t.either)
-        for pin in (as_t, test.t.either):
+        as_t = image(lambda t: t / math.sqrt(max(sample.n, 1)), either(test.t))
+        for pin in (as_t, either(test.t)):
             if pinned := tuple(one.common(pin) for one in effects if one.meets(pin)):
                 return pinned
         return effects
@@ -207,7 +208,7 @@ class Checks:
         if not self._diagnose or test.p is None:
             return ()
         n, effects = self._evidence.tested(test).n, self.effects(test)
-        found = [p_of_t(t_of(one, n), n - 1) for one in effects] or [p_of_t(test.t.either, test.df)]
+        found = [p_of_t(t_of(one, n), n - 1) for one in effects] or [p_of_t(either(test.t), test.df)]
         levels = [one for one in self._published.levels if test.t.exact > 0 or not one.above]
         return stars_by_p(test.p, levels) if judge(test.p, found)[0] in AGREES else ()
 
@@ -218,7 +219,7 @@ class Checks:
         cited = self._citation(test.where, test.task, test.material, statement)
         n, others = sample.n, self._others(sample.n, test.df)
         remark = f" at {n - 1} df" if effects and n - 1 != test.df else ""
-        p_stands = test.p is None or judge(test.p, [p_of_t(test.t.either, max(n - 1, 1))])[0] in AGREES
+        p_stands = test.p is None or judge(test.p, [p_of_t(either(test.t), max(n - 1, 1))])[0] in AGREES
         sd_in_doubt = self._evidence.sd_in_doubt and p_stands
         why = mistakes.of_t(effects, sample.moments, test.t, n, others, sd_in_doubt=sd_in_doubt)
         ts = [t_of(one, n) for one in effects]
@@ -234,7 +235,7 @@ class Checks:
     ) -> Line:
         if not effects and cited.missing == "cannot be decided":
             # Nothing else is printed, but P can still be compared with the t and df beside it.
-            return cited.number("P", p, [p_of_t(test.t.either, test.df)], mistakes.of_lone_p(test.t, test.df))
+            return cited.number("P", p, [p_of_t(either(test.t), test.df)], mistakes.of_lone_p(test.t, test.df))
         pinned = self.effects(test)
         every, narrow = ([p_of_t(t_of(one, n), n - 1) for one in sizes] for sizes in (effects, pinned))
         # Where t itself is wrong, a P that the means and SDs allow is not accused.
@@ -255,10 +256,10 @@ class Checks:
         line = cited.number(name, printed.f, values, why, remark=_remark_on_f(printed, found))
         if own is None or not values:
             yield line
-            from_print = [p_of_f(printed.f.either, printed.df)] if cited.missing == "cannot be decided" else []
+            from_print = [p_of_f(either(printed.f), printed.df)] if cited.missing == "cannot be decided" else []
             yield cited.number("P", printed.p, from_print)
         else:
-            narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
+            narrow = [one.common(either(printed.f)) if line.agrees else one for one in fitting]
             if self._diagnose and line.agrees and (slip := _slip_of_f(printed, narrow, values, own)):
                 line, narrow = replace(line, verdict="differs", reason=slip), values
             yield line
@@ -320,7 +321,7 @@ def _slip_of_f(printed: PrintedF, narrow: Sequence[Interval], values: Sequence[I
     if judge(printed.p, ps)[0] in AGREES or mistakes.slip_of(printed.p, ps) or not printed.f.exact:
         return ""
     for slip, text in mistakes.slips(printed.f.text):
-        held = [one.common(Printed(text).either) for one in values if one.meets(Printed(text).either)]
+        held = [one.common(either(Printed(text))) for one in values if one.meets(either(Printed(text)))]
         if held and judge(printed.p, [p_of_f(one, df) for one in held])[0] in AGREES:
             return f"{slip}: {text} would stand, and gives the P beside it"
     return ""

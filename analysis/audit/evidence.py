@@ -30,11 +30,12 @@ from palpate.analysis.audit.bounds import (
     totals,
     unweighted,
 )
+from palpate.analysis.audit.intervals import Interval, either, point
 from palpate.analysis.audit.mistakes import Verdict
 from palpate.analysis.identification.confusion import shared
 from palpate.analysis.identification.results import Results
 from palpate.analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Published, Scale
-from palpate.analysis.published.printed import Interval, Printed, point
+from palpate.analysis.published.printed import Printed
 from palpate.analysis.statistics.anova import TYPES
 from palpate.experiment.errors import PublishedError
 
@@ -100,7 +101,7 @@ class FromResults:
     def sd_stands(self, cell: PrintedCell) -> bool:
         """Return whether the dataset gives the printed SD."""
         sd = cell.sd
-        return sd is None or any(sd.either.squared().meets(one.variance) for one in self.sample(cell).moments)
+        return sd is None or any(either(sd).squared().meets(one.variance) for one in self.sample(cell).moments)
 
     def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:  # noqa: ARG002
         """Return nothing: a dataset allows nothing else."""
@@ -219,7 +220,7 @@ class FromPrint:
         n = self._n(cell.task)
         if n is None or n < 2 or cell.sd is None or cell.scale is None:
             return True
-        return self._counted(cell, n, cell.scale, cell.sd.either.squared()) != ()
+        return self._counted(cell, n, cell.scale, either(cell.sd).squared()) != ()
 
     def reading(self, cells: Iterable[PrintedCell], misreading: Misreading) -> FromPrint | None:
         """Return this evidence with the SDs of `cells` read as `misreading`; None where no values have such moments."""
@@ -249,10 +250,10 @@ class FromPrint:
         """Return the means near the printed one that whole counts give; in the text, those that the table allows."""
         source, n = self._tables.get(cell.key), self._n(cell.task)
         if not cell.in_table and source is not None:
-            return Known(tuple({one.mean: None for one in self.sample(source).moments}) or (source.mean.either,))
+            return Known(tuple({one.mean: None for one in self.sample(source).moments}) or (either(source.mean),))
         if n is None or cell.scale is None:
             return Known(statement=NO_STEPS)
-        sums = on_scale(totals(cell.mean.either, n, cell.scale.items), n, cell.scale)
+        sums = on_scale(totals(either(cell.mean), n, cell.scale.items), n, cell.scale)
         sums = sums or neighbours(cell.mean.exact, n, cell.scale)
         if len(sums) > MANY:
             return Known(statement=TOO_MANY)
@@ -296,7 +297,7 @@ class FromPrint:
         n = self._n(cell.task)
         if n is None or n < 2 or cell.sd is None or cell.scale is None:
             return ()
-        printed = cell.sd.either
+        printed = either(cell.sd)
         windows = [*(printed.squared().times(factor(n)) for factor in MISREADINGS.values()), printed]
         return tuple(one for window in windows for one in self._counted(cell, n, cell.scale, window) or ())
 
@@ -318,8 +319,8 @@ class FromPrint:
             any_sd = (self._counted(cell, n, cell.scale, ANY) if cell.scale else None) or ()
             return Sample(n, any_sd, any_sd, NO_SD)
         misreading = self.misreading(cell)
-        wanted = cell.sd.either.squared().times(MISREADINGS[misreading](n) if misreading else Fraction(1))
-        stands = (Moments(n, cell.mean.either, wanted),)
+        wanted = either(cell.sd).squared().times(MISREADINGS[misreading](n) if misreading else Fraction(1))
+        stands = (Moments(n, either(cell.mean), wanted),)
         if cell.scale is None:
             return Sample(n, stands, stands if misreading else ())
         every = (
@@ -336,7 +337,7 @@ class FromPrint:
 
         The search widens up to an SD of 1, and narrows again.
         """
-        found = self._counted(cell, n, scale, sd.either.squared())
+        found = self._counted(cell, n, scale, either(sd).squared())
         unit = sd.exact_unit or Fraction(1)
         width, none_within = AROUND * unit, Fraction(0)
         too_many: Fraction | None = None
@@ -356,7 +357,7 @@ class FromPrint:
         if scale.low is not None and scale.high is not None:
             # The spread is greatest with half the values at either end.
             high = min(high, Fraction((scale.high - scale.low) ** 2 * n, 4 * (n - 1)))
-        sums = on_scale(totals(cell.mean.either, n, scale.items), n, scale)
+        sums = on_scale(totals(either(cell.mean), n, scale.items), n, scale)
         if len(sums) * (high - variance.low) * n * scale.items**2 > MANY:
             return None
         self._spend(1 + sum(steps_to_find(total, n, scale) for total in sums) // STEPS)

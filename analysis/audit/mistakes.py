@@ -13,8 +13,9 @@ from itertools import pairwise
 from typing import Literal
 
 from palpate.analysis.audit.bounds import Moments, effect, p_of_f, p_of_t, t_of
+from palpate.analysis.audit.intervals import Interval, as_printed, either, hull, image, point, rounded, truncated
 from palpate.analysis.documents.tables import plural
-from palpate.analysis.published.printed import Interval, Printed, as_printed, hull, image, point
+from palpate.analysis.published.printed import Printed
 
 Verdict = Literal[
     "agrees",
@@ -53,7 +54,7 @@ def judge(
     printed: Printed, values: Sequence[Interval], *, squares: bool = False
 ) -> tuple[Verdict, tuple[Interval, ...]]:
     """Return the verdict on a printed number, and the `values` that fit, or all; they may be its `squares`."""
-    for verdict, reading in zip(AGREES, (printed.rounded, printed.truncated), strict=True):
+    for verdict, reading in zip(AGREES, (rounded(printed), truncated(printed)), strict=True):
         wanted = reading.squared() if squares else reading
         if fitting := tuple(value for value in values if wanted.meets(value)):
             return verdict, fitting
@@ -224,7 +225,7 @@ def of_t(
     error, population = (f", or the SD is {one}" if sd_in_doubt else "" for one in wrong_sds)
     correct = tuple(t_of(one, n) for one in effects)
     yield Mistake("its sign is lost", tuple(one.times(Fraction(-1)) for one in correct))
-    alike = [one.common(printed.either) for one in effects if one.meets(printed.either)]
+    alike = [one.common(either(printed)) for one in effects if one.meets(either(printed))]
     yield Mistake(f"what is printed as t is Cohen's d{_span(alike)}{error}", tuple(effects))
     factor = math.sqrt(n / (n - 1))
     yield Mistake("it was formed with the population SD", tuple(image(lambda t: t * factor, one) for one in correct))
@@ -246,8 +247,8 @@ def of_p(
     correct = [t_of(one, n) for one in effects]
     yield Mistake("it is one-tailed", tuple(p_of_t(one, n - 1).times(_HALF) for one in correct))
     if not t_agrees:
-        yield Mistake("it follows the printed t", (p_of_t(t.either, df),))
-        yield Mistake("it follows the printed t, one-tailed", (p_of_t(t.either, df).times(_HALF),))
+        yield Mistake("it follows the printed t", (p_of_t(either(t), df),))
+        yield Mistake("it follows the printed t, one-tailed", (p_of_t(either(t), df).times(_HALF),))
     yield Mistake(f"it was taken at {n} df, where n is {n}", tuple(p_of_t(one, n) for one in correct))
     for size in sizes:
         if size - 1 != n:
@@ -264,11 +265,11 @@ def of_p(
 
 def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
     """Yield mistakes in a P that has nothing but a t and its df beside it."""
-    yield Mistake("it is one-tailed", (p_of_t(t.either, df).times(_HALF),))
+    yield Mistake("it is one-tailed", (p_of_t(either(t), df).times(_HALF),))
     for other in (df + 1, df - 1):
         if other > 0:
-            yield Mistake(f"it was taken at {other} df", (p_of_t(t.either, other),))
-    yield Mistake("it was taken from the normal distribution", (image(_p_of_z, t.either.absolute()),))
+            yield Mistake(f"it was taken at {other} df", (p_of_t(either(t), other),))
+    yield Mistake("it was taken from the normal distribution", (image(_p_of_z, either(t).absolute()),))
 
 
 def of_any_f(f: Sequence[Interval], df: tuple[int, int]) -> Iterator[Mistake]:
@@ -295,10 +296,10 @@ def of_f(f: Sequence[Interval], layout: Layout, printed: tuple[int, int]) -> Ite
 def of_p_of_f(f: Sequence[Interval], beside: Printed, layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
     """Yield mistakes in the P of an F; `beside` is the F beside it, `printed` its df."""
     df = layout.df
-    yield Mistake("it follows the printed F", (p_of_f(beside.either, df),))
+    yield Mistake("it follows the printed F", (p_of_f(either(beside), df),))
     if printed != df:
         yield Mistake("it was taken at its printed df", tuple(p_of_f(one, printed) for one in f))
-        yield Mistake("it follows the printed F at its printed df", (p_of_f(beside.either, printed),))
+        yield Mistake("it follows the printed F at its printed df", (p_of_f(either(beside), printed),))
     yield Mistake("it is one-tailed", tuple(p_of_f(one, df).times(_HALF) for one in f))
     for other in (layout.values, layout.values - 1, df[1] - df[0]):
         if other > 0:

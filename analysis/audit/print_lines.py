@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
-from operator import attrgetter
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from palpate.analysis.audit.bounds import MOST_COLUMNS, Row, Undecided, Work, ex
 from palpate.analysis.audit.causes import CONFLICTS
 from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
+from palpate.analysis.audit.intervals import Interval, either, hull, rounded, sum_of, truncated
 from palpate.analysis.documents.tables import plural
 from palpate.analysis.published.numbers import (
     PrintedCell,
@@ -28,7 +28,7 @@ from palpate.analysis.published.numbers import (
     PrintedTable,
     Published,
 )
-from palpate.analysis.published.printed import Interval, Printed, hull, sum_of
+from palpate.analysis.published.printed import Printed
 
 
 def read_print(published: Published) -> FromPrint:
@@ -98,7 +98,7 @@ def source_lines(table: PrintedSources) -> Iterator[mistakes.Line]:
         if line.f is not None:
             yield cited.number("F", line.f, [f] if f else [], _of_f(line, f, table))
         if line.p is not None:
-            ratio = line.f.either if line.f else f
+            ratio = either(line.f) if line.f else f
             ps = [p_of_f(ratio, (line.df, residual.df))] if ratio else []
             yield cited.number("P", line.p, ps, _of_p(line, f, ratio, table))
 
@@ -106,7 +106,7 @@ def source_lines(table: PrintedSources) -> Iterator[mistakes.Line]:
 def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[mistakes.Mistake]:
     if line.ss is None:
         return
-    ss = line.ss.either
+    ss = either(line.ss)
     yield mistakes.Mistake("it is the sum of squares, not divided by df", (ss,))
     for df in _others(line, table):
         yield mistakes.Mistake(f"it was taken with {df} df, where df is {line.df}", (ss.times(Fraction(1, df)),))
@@ -161,23 +161,23 @@ def _others(line: PrintedSource, table: PrintedSources) -> list[int]:
 def _contradicts(line: PrintedSource) -> bool:
     """Return whether the printed MS cannot be SS / df."""
     computed = _per_freedom(line.ss, line.df)
-    return bool(computed and line.ms and not line.ms.either.meets(computed))
+    return bool(computed and line.ms and not either(line.ms).meets(computed))
 
 
 def _per_freedom(ss: Printed | None, df: int) -> Interval | None:
-    return ss.either.times(Fraction(1, df)) if ss else None
+    return either(ss).times(Fraction(1, df)) if ss else None
 
 
 def _mean_square(line: PrintedSource) -> Interval | None:
     """Return a mean square that is both as printed and SS / df; where it cannot be both, as printed."""
     computed = _per_freedom(line.ss, line.df)
     if line.ms is None or computed is None:
-        return line.ms.either if line.ms else computed
-    return line.ms.either if _contradicts(line) else line.ms.either.common(computed)
+        return either(line.ms) if line.ms else computed
+    return either(line.ms) if _contradicts(line) else either(line.ms).common(computed)
 
 
 Reading = Callable[[Printed], Interval]
-READINGS: Mapping[str, Reading] = {name: attrgetter(name) for name in ("rounded", "truncated", "either")}
+READINGS: Mapping[str, Reading] = {"rounded": rounded, "truncated": truncated, "either": either}
 """The shares that a percentage can stand for, by the way it was printed."""
 
 
@@ -279,7 +279,7 @@ def _row(
     cited = mistakes.Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
     printed = causes.added(cells)
     task = published.task_named(cells[0].task)
-    sums = sum_of(cell.mean.either for cell in cells)
+    sums = sum_of(either(cell.mean) for cell in cells)
     if task is None or task.trials is None:
         allowed = f"{float(sums.low):.4g} to {float(sums.high):.4g}"
         if sums.holds(Fraction(1)):
@@ -328,8 +328,8 @@ def _slip_in(published: Published, cells: Sequence[PrintedCell], index: int) -> 
         return ""
     printed = cells[index].mean
     moved = [left.times(Fraction(10) ** power) for power in (-1, 1, 2)]
-    found = [mistakes.TENFOLD] if printed.exact and any(one.meets(printed.rounded) for one in moved) else []
-    fitting = [(slip, text) for slip, text in mistakes.slips(printed.text) if left.meets(Printed(text).rounded)]
+    found = [mistakes.TENFOLD] if printed.exact and any(one.meets(rounded(printed)) for one in moved) else []
+    fitting = [(slip, text) for slip, text in mistakes.slips(printed.text) if left.meets(rounded(Printed(text)))]
     for slip, text in fitting[:1]:
         if not found or slip == mistakes.SWAPPED:
             found.append(f"{slip}: {text} would stand")

@@ -12,8 +12,9 @@ from math import atanh, sqrt, tanh
 from scipy import stats
 
 from palpate.analysis.audit import mistakes
+from palpate.analysis.audit.intervals import Interval, either, outward
 from palpate.analysis.audit.mistakes import Citation, Line, Mistake, judge
-from palpate.analysis.published.printed import Interval, Printed, outward
+from palpate.analysis.published.printed import Printed
 from palpate.analysis.published.prose import Reported
 
 ALPHA = 0.05
@@ -57,7 +58,7 @@ def _impossible(cited: Citation, test: Reported) -> Line | None:
 
 def p_values(test: Reported) -> Interval:
     """Return every P that the printed statistic and df allow."""
-    value = test.value.either.absolute()
+    value = either(test.value).absolute()
     low, high = value.low, value.high
     if test.sign in ("<", "≤"):
         low, high = Fraction(0), test.value.exact
@@ -67,7 +68,7 @@ def p_values(test: Reported) -> Interval:
         low, high = min(low, Fraction(1)), min(high, Fraction(1))
     corners: list[tuple[float, ...]] = [()]
     for df in test.df:
-        ends = (df.exact,) if df.exact.denominator == 1 else (df.either.low, df.either.high)
+        ends = (df.exact,) if df.exact.denominator == 1 else (either(df).low, either(df).high)
         corners = [(*corner, float(end)) for corner in corners for end in ends]
     found = [_SF[test.statistic](float(end), *corner) for end in (low, high) for corner in corners]
     return outward(min(found), max(found))
@@ -137,7 +138,7 @@ def _fisher(test: Reported) -> tuple[Interval, Interval]:
     """Return the ends of the interval of r by Fisher's z, with df + 2 pairs, as far as r is printed."""
     n = float(test.df[0].exact) + 2
     half = float(stats.norm.ppf((1 + test.level) / 2)) / sqrt(max(n - 3, 1e-9))
-    span = test.value.either
+    span = either(test.value)
     rs = [max(-1 + 1e-12, min(1 - 1e-12, float(end))) for end in (span.low, span.high)]
     lows, highs = ([tanh(atanh(r) + sign * half) for r in rs] for sign in (-1, 1))
     return outward(min(lows), max(lows)), outward(min(highs), max(highs))

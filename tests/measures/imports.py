@@ -171,6 +171,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
                 "causes.py",
                 "checks.py",
                 "evidence.py",
+                "intervals.py",
                 "mistakes.py",
                 "print_lines.py",
             )

@@ -491,11 +491,12 @@ def status(
     found = status_of(study)
     if figure is not None:
         from palpate.analysis.documents import drawing
+        from palpate.analysis.documents.flow import flow
 
         drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}
         aside, stages = found.flow()
-        flow = drawing.flow(found.heading, f"Flow of participants on {found.day}: {found.title}", aside, stages)
-        options.put_file(figure, drawn[figure.suffix.lower()](flow))
+        chart = flow(found.heading, f"Flow of participants on {found.day}: {found.title}", aside, stages)
+        options.put_file(figure, drawn[figure.suffix.lower()](chart))
     shown = f"\n\nFigure: {figure}" if figure else ""
     options.put(found.as_dict() if as_json else found.text() + shown)
     raise typer.Exit(1 if found.doubts else 0)

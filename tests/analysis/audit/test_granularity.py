@@ -12,22 +12,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.analysis.audit.bounds import Moments, moments, neighbours, on_scale, totals
+from palpate.analysis.audit.intervals import Interval, rounded
 from palpate.analysis.published.numbers import Scale
-from palpate.analysis.published.printed import Interval, Printed
+from palpate.analysis.published.printed import Printed
 
 ENDLESS = Interval(Fraction(0), math.inf)
 OPEN = Scale(1, None, None)
 
 
 def _grim(text: str, n: int, items: int = 1) -> bool:
-    return len(totals(Printed(text).rounded, n, items)) > 0
+    return len(totals(rounded(Printed(text)), n, items)) > 0
 
 
 def _grimmer(mean: str, sd: str, n: int) -> bool:
-    spread = Printed(sd).rounded.squared()
+    spread = rounded(Printed(sd)).squared()
     return any(
         spread.meets(one.variance)
-        for total in totals(Printed(mean).rounded, n, 1)
+        for total in totals(rounded(Printed(mean)), n, 1)
         for one in moments(total, n, OPEN, spread)
     )
 

@@ -13,8 +13,9 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.audit import mistakes
 from palpate.analysis.audit.bounds import Moments
+from palpate.analysis.audit.intervals import Interval, outward, point
 from palpate.analysis.audit.mistakes import Layout, Mistake, explain
-from palpate.analysis.published.printed import Interval, Printed, outward, point
+from palpate.analysis.published.printed import Printed
 
 STUDENT = (0.7, -1.6, -0.2, -1.2, -0.1, 3.4, 3.7, 0.8, 0.0, 2.0)
 """Student 1908, additional hours of sleep with dextro-hyoscyamine: n = 10, t = 1.33, P = 0.2176 (R, t.test(sleep))."""

@@ -25,7 +25,8 @@ from palpate.analysis.audit.bounds import (
     t_of,
     together,
 )
-from palpate.analysis.published.printed import Interval, Printed, point
+from palpate.analysis.audit.intervals import Interval, either, point
+from palpate.analysis.published.printed import Printed
 
 DIGITS = st.integers(1, 3)
 SAMPLES = st.lists(st.integers(0, 40), min_size=3, max_size=12).filter(lambda values: len(set(values)) > 1)
@@ -34,7 +35,7 @@ SAMPLES = st.lists(st.integers(0, 40), min_size=3, max_size=12).filter(lambda va
 def _box(values: list[float], digits: int) -> Moments:
     """Mean and variance as the printed mean and SD leave them open."""
     mean, sd = Printed(f"{statistics.mean(values):.{digits}f}"), Printed(f"{statistics.stdev(values):.{digits}f}")
-    return Moments(len(values), mean.either, sd.either.squared())
+    return Moments(len(values), either(mean), either(sd).squared())
 
 
 @settings(deadline=None)

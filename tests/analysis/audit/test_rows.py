@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.analysis.audit.bounds import MOST_COLUMNS, Undecided, Work, examine, solve
+from palpate.analysis.audit.intervals import Interval
 from palpate.analysis.published.numbers import PrintedCell, Scale
-from palpate.analysis.published.printed import Interval, Printed
+from palpate.analysis.published.printed import Printed
 
 
 def _cells(printed: list[tuple[str, str | None]], trials: int) -> list[PrintedCell]:

@@ -11,7 +11,8 @@ import pytest
 from matplotlib.colors import to_rgb
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, flow, svg, told_apart
+from palpate.analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, svg, told_apart
+from palpate.analysis.documents.flow import flow
 from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read, read_pooled
 from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities

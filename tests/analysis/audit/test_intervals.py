@@ -11,8 +11,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.analysis.audit.intervals import (
+    Interval,
+    as_printed,
+    either,
+    hull,
+    image,
+    outward,
+    point,
+    rounded,
+    sum_of,
+    truncated,
+)
 from palpate.analysis.audit.mistakes import judge, shown
-from palpate.analysis.published.printed import Interval, Printed, as_printed, hull, image, outward, point, sum_of
+from palpate.analysis.published.printed import Printed
 
 ENDS = st.integers(-18, 18).map(lambda sixths: Fraction(sixths, 6))
 GRID = [Fraction(k, 12) for k in range(-48, 49)]
@@ -67,7 +79,7 @@ def test_whole_numbers_are_found_from_end_to_end(span: Interval) -> None:
 
 
 def test_sums_of_printed_numbers_are_intervals() -> None:
-    found = sum_of([Printed("0.3").either, Printed("0.7").either])
+    found = sum_of([either(Printed("0.3")), either(Printed("0.7"))])
     assert (found.low, found.high, found.open_high) == (Fraction("0.9"), Fraction("1.2"), True)
 
 
@@ -86,16 +98,16 @@ ROUNDINGS = (ROUND_HALF_UP, ROUND_HALF_EVEN, ROUND_HALF_DOWN)
 def test_a_rounded_number_can_stand_for_its_value(value: Decimal, digits: int, rounding: str) -> None:
     """Rounded by the decimal library, in each of the ways that software uses."""
     text = f"{value.quantize(Decimal(1).scaleb(-digits), rounding=rounding):f}"
-    assert Printed(text).rounded.holds(Fraction(value))
-    assert Printed(text).either.holds(Fraction(value))
+    assert rounded(Printed(text)).holds(Fraction(value))
+    assert either(Printed(text)).holds(Fraction(value))
 
 
 @settings(deadline=None)
 @given(VALUES, st.integers(1, 4))
 def test_a_truncated_number_can_stand_for_its_value(value: Decimal, digits: int) -> None:
     text = f"{value.quantize(Decimal(1).scaleb(-digits), rounding=ROUND_DOWN):f}"
-    assert Printed(text).truncated.holds(Fraction(value))
-    assert Printed(text).either.holds(Fraction(value))
+    assert truncated(Printed(text)).holds(Fraction(value))
+    assert either(Printed(text)).holds(Fraction(value))
 
 
 @settings(deadline=None)
@@ -106,15 +118,15 @@ def test_a_printed_number_stands_for_nothing_that_prints_otherwise(
     unit = Decimal(1).scaleb(-digits)
     text = f"{printed.quantize(unit):f}"
     ways = {value.quantize(unit, rounding=way) for way in ROUNDINGS}
-    assert Printed(text).rounded.holds(Fraction(value)) == (Decimal(text) in ways)
+    assert rounded(Printed(text)).holds(Fraction(value)) == (Decimal(text) in ways)
     cut = value.quantize(unit, rounding=ROUND_DOWN) == Decimal(text)
-    assert Printed(text).truncated.holds(Fraction(value)) == cut
+    assert truncated(Printed(text)).holds(Fraction(value)) == cut
 
 
 @settings(deadline=None)
 @given(st.floats(1e-12, 1))
 def test_p_can_stand_for_what_it_was_printed_from(p: float) -> None:
-    assert Printed(f"{p:.2e}").rounded.meets(outward(p, p))
+    assert rounded(Printed(f"{p:.2e}")).meets(outward(p, p))
 
 
 @pytest.mark.parametrize(
@@ -127,9 +139,9 @@ def test_p_can_stand_for_what_it_was_printed_from(p: float) -> None:
     ],
 )
 def test_bounds_percentages_and_nothing(text: str, inside: list[str], outside: list[str]) -> None:
-    either = Printed(text).either
-    assert all(either.holds(Fraction(value)) for value in inside)
-    assert not any(either.holds(Fraction(value)) for value in outside)
+    found = either(Printed(text))
+    assert all(found.holds(Fraction(value)) for value in inside)
+    assert not any(found.holds(Fraction(value)) for value in outside)
 
 
 @pytest.mark.parametrize(
