@@ -561,8 +561,10 @@ def _tell_unknown_files(root: Path, participant: str) -> None:
 def build(dataset: Dataset) -> None:
     """Rebuild a dataset's tables from its journals."""
     from palpate.experiment.dataset import build as datasets
+    from palpate.experiment.dataset.checks import findings
 
-    datasets.build(dataset)
+    for lost in findings(datasets.build(dataset), "losses"):
+        typer.echo(f"{lost.sentence()}.")
     typer.echo(f"Dataset: {dataset}")
 
 

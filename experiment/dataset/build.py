@@ -60,8 +60,8 @@ def kind_of(task: Task) -> DatasetKind:
     return kind
 
 
-def build(root: Path, each: Each = map) -> None:
-    """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
+def build(root: Path, each: Each = map) -> Dataset:
+    """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones; return the dataset.
 
     `each` is as for `checks.load`. Journals without a header are omitted. Raises as `load_sound`, and `DatasetError`
     without journals (unless erased) or if a foot trace is not the one its journal names.
@@ -74,8 +74,8 @@ def build(root: Path, each: Each = map) -> None:
     if any(path.parent.name == "phenotype" for path in files) and not (root / "phenotype").exists():
         storage.owners_alone(root)
     bids.write_files(files)
-    for _ in each(partial(_build_session, dataset), [of[0] for of in dataset.sessions]):
-        pass
+    list(each(partial(_build_session, dataset), [of[0] for of in dataset.sessions]))
+    return dataset
 
 
 def _build_session(dataset: Dataset, path: Path) -> None:

@@ -107,9 +107,8 @@ class Dataset(Sessions):
 
 def has_journals(root: Path) -> bool:
     """Return whether a dataset was made from journals, even if some are gone; others hold tables alone."""
-    source = root / "sourcedata"
     settled = (storage.seed_path(root), storage.plan_path(root), storage.roster_path(root))
-    return any(path.exists() for path in settled) or any(source.glob("sub-*/sub-*"))
+    return any(path.exists() for path in settled) or any((root / "sourcedata").glob("sub-*/sub-*"))
 
 
 def journals(root: Path) -> list[Path]:
@@ -234,9 +233,9 @@ def _read_journal(
     """Return the header of a journal, None before its session or where it is wrong, its state, and what is wrong."""
     try:
         contents = journal.read_if_begun(path)
-        # Raw data of an attempt of which the journal does not know: the journal was cut off.
+        # Raw data of an attempt unknown to the journal: that was cut off. Force begins with the session, before any.
         unknown = not any(isinstance(entry, Armed | Trained) or entry.frames for entry in contents.entries)
-        for raw in (storage.raw_path(path, end) for end in storage.RAW if unknown):
+        for raw in (storage.raw_path(path, end) for end in storage.RAW[: 1 if contents.lines else 2] if unknown):
             if storage.size(raw):
                 what = f"knows of no attempt, and {raw.name} does"
                 raise DatasetError(path, what, "restore the journal from a backup")
@@ -541,6 +540,7 @@ CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "erased": _erased,
     "strays": _strays,
     "journals": lambda dataset: dataset.damage,
+    "losses": lambda dataset: import_module("palpate.experiment.dataset.outside.losses").losses(dataset.sessions),
     "frames": _frames_alone,
     "copies": _copies,
     "levels": _levels,

@@ -20,6 +20,7 @@ from palpate.experiment.dataset.checks import (
     has_journals,
     load_sound,
 )
+from palpate.experiment.dataset.outside import losses
 from palpate.experiment.errors import DatasetError, Finding, PalpateError
 from palpate.experiment.records import entries, journal
 from palpate.experiment.records.progress import progress
@@ -122,12 +123,13 @@ def lost_traces(dataset: Dataset) -> Iterator[Finding]:
     for path, header in dataset.sessions:
         contents = journal.read(path)
         try:
-            for _ in build.raw_frames(path, contents.entries):
+            for _ in build.raw_frames(path, losses.without_lost(path, contents.entries)):
                 pass
         except PalpateError as error:
             yield error.finding
         ended = until_footer(contents) if path in dataset.under_way else contents
-        counted = [one for one in ended.entries if not isinstance(one, entries.Trained)]
+        there = losses.without_lost(path, ended.entries)
+        counted = [one for one in there if not isinstance(one, entries.Trained)]
         whole = [one for one in counted if not isinstance(one, entries.Outcome) or one.asks]
         names = {trace.recording for one in whole if (trace := one.frames)}
         for end in (f"recording-{name}_physio.{suffix}" for name in sorted(names) for suffix in ("tsv.gz", "json")):

@@ -18,7 +18,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import minutes
 from palpate.experiment.dataset import build, checks, register, tables
 from palpate.experiment.dataset.checks import Dataset, Sessions
-from palpate.experiment.dataset.outside import accidents, shared
+from palpate.experiment.dataset.outside import accidents, losses, shared
 from palpate.experiment.dataset.outside.signatures import Signer, soundly_signed
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, anchors_of_file
 from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, Remedy, Verdict
@@ -286,12 +286,11 @@ def _session(root: Path, path: Path, sessions: list[tuple[Path, Header]]) -> str
     journal.refuse_unreadable(path, contents)
     for refusal in checks.findings(Sessions(root, sessions=tuple(sessions[-1:])), "rigs"):
         raise DatasetError.at(refusal)
-    traced = [trace for entry in contents.entries if (trace := entry.frames)]
-    for _ in build.raw_frames(path, contents.entries):
+    there = losses.without_lost(path, contents.entries)
+    traced = [trace for entry in there if (trace := entry.frames)]
+    for _ in build.raw_frames(path, there):
         pass
-    end = max((trace.offset + trace.length for trace in traced), default=0)
-    raw = next((file for end in storage.RAW if (file := storage.raw_path(path, end)).exists()), path)
-    more = storage.size(raw) - end if raw != path else 0
+    raw, more = _unnamed(path, contents)
     of, each = traced[0].of_what if traced else Trace.of_what
     if more and progress(contents.entries).complete:
         what = f"{count(more, 'byte')} follow the last {each} that the journal of this complete session names"
@@ -308,6 +307,15 @@ def _session(root: Path, path: Path, sessions: list[tuple[Path, Header]]) -> str
     back_s = bridging.set_back_ns(contents) / 1e9
     back = f"; the clock was set back by {minutes(back_s)} in a pause, and its times are bridged" if back_s else ""
     return f"{told}; its rig{frames} that it names{unnamed}{still}{back}"
+
+
+def _unnamed(path: Path, contents: journal.Contents) -> tuple[Path, int]:
+    """Return the file of a journal's raw data, and how many bytes follow the last that it names; itself without one."""
+    end = max((trace.offset + trace.length for entry in contents.entries if (trace := entry.frames)), default=0)
+    for raw in (storage.raw_path(path, name) for name in storage.RAW):
+        if raw.exists():
+            return raw, max(storage.size(raw) - end, 0)
+    return path, 0
 
 
 def _roster(path: Path, rosters: list[Roster]) -> str:

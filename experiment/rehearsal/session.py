@@ -338,7 +338,7 @@ _queue: multiprocessing.SimpleQueue[None] | None = None
 
 
 def rehearse_at_once(
-    todo: Sequence[Job], jobs: int, tick: Tick, finish: Callable[[Any], None], begun: Callable[[], object]
+    todo: Sequence[Job], jobs: int, tick: Tick, finish: Callable[[Any], object], begun: Callable[[], object]
 ) -> None:
     """Rehearse every participant of `todo`, `jobs` at a time; `tick` is called here after each confirmed answer.
 

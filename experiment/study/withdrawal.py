@@ -19,7 +19,7 @@ def withdraw(
     reason: str,
     *,
     root: Path | None,
-    rebuild: Callable[[Path], None],
+    rebuild: Callable[[Path], object],
     erase: bool = False,
 ) -> Path:
     """Record that a participant withdrew, and return the roster's file; analysis omits them.

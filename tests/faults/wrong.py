@@ -247,7 +247,7 @@ def _stray_trace(study: MadeStudy, _: Path) -> None:
     (_events(study).parent / name.replace("sub-01", f"sub-{THIRD}").replace("_events", "_physio")).write_bytes(b"1\n")
 
 
-def _forgotten(participant: str, rebuild: Callable[[Path], None] = build.build) -> Act:
+def _forgotten(participant: str, rebuild: Callable[[Path], object] = build.build) -> Act:
     """A withdrawal, and then the roster and its head as they were before."""
 
     def act(study: MadeStudy, folder: Path) -> None:

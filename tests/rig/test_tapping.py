@@ -6,21 +6,24 @@ How near their choices are to the printed ones is judged over three seeds in `re
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from palpate.analysis.analyse import analyse
 from palpate.analysis.designs.comparison.results import TaskComparisons
 from palpate.experiment import storage
 from palpate.experiment.apparatus.servo.record import cycles_of
 from palpate.experiment.dataset import build
+from palpate.experiment.dataset.checks import findings
 from palpate.experiment.dataset.outside import sharing
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.records.kinds.tapping import Tapped
+from palpate.experiment.records.kinds.tapping import Pushed, Tapped
 from palpate.experiment.rehearsal.study import rehearse
 
 
@@ -88,6 +91,42 @@ def test_the_same_seed_writes_the_same_files(tmp_path: Path) -> None:
     assert files == sorted(path.relative_to(again) for path in again.rglob("*") if path.is_file())
     assert [path for path in files if (once / path).read_bytes() != (again / path).read_bytes()] == []
     force_is_on_record(once, tmp_path / "copy")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return dataset(tmp_path_factory.mktemp("whole"), virtual_alone(paper()), participants=1)
+
+
+@pytest.mark.parametrize(("share", "bytes_more"), [(1.0, -7), (0.5, 0), (0.0, 0)], ids=["torn", "half", "empty"])
+def test_a_file_of_force_that_lost_its_end_is_told_and_the_rest_is_built(
+    whole: Path, tmp_path: Path, share: float, bytes_more: int
+) -> None:
+    root = tmp_path / "study"
+    shutil.copytree(whole, root)
+    journal_file = storage.journal_path(root, "01", "virtual")
+    raw = storage.raw_path(journal_file, "force.bin")
+    data = raw.read_bytes()
+    raw.write_bytes(data[: round(share * len(data)) + bytes_more])
+    pushed = [one for one in journal.read(journal_file).entries if isinstance(one, Pushed)]
+    there = [one for one in pushed if one.trace.offset + one.trace.length <= raw.stat().st_size]
+    lost = sum(one.cycles for one in pushed) - sum(one.cycles for one in there)
+    found = verify(root)
+    assert found.refused == 0
+    (told,) = [one for one in found.findings if one.check == "losses"]
+    assert (told.where, told.verdict) == (raw.relative_to(root).as_posix(), "warns")
+    assert str(lost) in told.what.split()
+    (trace,) = root.rglob("*_recording-force_physio.tsv.gz")
+    sidecar = trace.with_name(trace.name.replace(".tsv.gz", ".json"))
+    trace.unlink()
+    assert [one.what for one in findings(build.build(root), "losses")] == [told.what]
+    assert trace.exists() is bool(there)
+    if there:
+        facts = json.loads(sidecar.read_text())["Force"]
+        assert (facts["Cycles"], facts["LostCycles"]) == (sum(one.cycles for one in there), lost)
+    assert verify(root).refused == 0
+    raw.unlink()
+    assert raw.relative_to(root).as_posix() in {str(one.where) for one in verify(root).findings if one.refuses}
 
 
 def force_is_on_record(root: Path, copy: Path) -> None:

@@ -15,6 +15,7 @@ from palpate.experiment.apparatus.servo.settings import largest_force_n
 from palpate.experiment.dataset import traces
 from palpate.experiment.dataset.build import ORIGINS, Cells, DatasetKind, heard_cells, raw_frames
 from palpate.experiment.dataset.checks import Dataset
+from palpate.experiment.dataset.outside.losses import cut_off
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.records import bridging
 from palpate.experiment.records.entries import Outcome
@@ -59,7 +60,9 @@ def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
 
 def _write_force(dataset: Dataset, path: Path, contents: Contents) -> None:
     """Write what the servo sent on a grid of its rate, and beside it the block's law."""
-    pushed = [(entry, shift_ns) for entry, shift_ns in bridging.shifted(contents) if isinstance(entry, Pushed)]
+    named = [(entry, shift_ns) for entry, shift_ns in bridging.shifted(contents) if isinstance(entry, Pushed)]
+    cut, unnamed = cut_off(path, [entry for entry, _ in named])
+    pushed = [one for place, one in enumerate(named) if place not in cut]
     if not pushed:
         return
     header, protocol = contents.header, dataset.version(contents.header)
@@ -93,7 +96,9 @@ def _write_force(dataset: Dataset, path: Path, contents: Contents) -> None:
                 **({"CrossoversHertz": list(virtual.crossovers_hz)} if virtual.crossovers_hz else {}),
                 "LimitNewton": largest_force_n(protocol.exposure.force_peak_n, rig.servo),
                 "Cycles": places.size,
-                "LostCycles": sum(entry.lost for entry, _ in pushed),
+                "LostCycles": sum(entry.lost for entry, _ in named)
+                + sum(named[place][0].cycles for place in cut)
+                + -(-unnamed // CYCLE.itemsize),
             }
         },
     )

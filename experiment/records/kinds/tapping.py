@@ -46,6 +46,8 @@ class ForceTrace(Trace):
     file: ClassVar[str] = RAW[1]
     recording: ClassVar[str] = "force"
     of_what: ClassVar[tuple[str, str]] = "forces", "part"
+    lossy: ClassVar[tuple[str, int]] = "cycle", 48
+    """What the file consists of, and the bytes of each: a dataset is built without an end that it lost."""
 
 
 class Pushed(Entry):

@@ -56,6 +56,21 @@ def test_a_header_of_another_kind_or_design_than_the_protocols_is_refused(
     assert f"{key} {other}" in refused.value.finding.what
 
 
+def test_force_is_kept_before_the_first_attempt_of_a_session_that_has_begun(made: MadeStudy, tmp_path: Path) -> None:
+    study = copied(made, tmp_path / "study")
+    header = study.header("03", study.tasks[2].tasks[0])
+    path = storage.journal_path(study.root, "03", header.task)
+    with closing(journal.Journal(path, ManualClock(0), journal.read_if_begun(path))) as opened:
+        opened.append(header)
+    storage.raw_path(path, "force.bin").write_bytes(b"x" * 55)
+    assert path in dict(checks.load_sound(study.root).sessions)
+    path.write_bytes(b"")
+    chain.head_path(path).unlink()
+    with pytest.raises(DatasetError) as refused:
+        checks.load_sound(study.root)
+    assert refused.value.finding.where == path
+
+
 @pytest.mark.parametrize("wrong", WRONG, ids=[one.name for one in WRONG])
 def test_what_is_wrong_is_refused_by_name(made: MadeStudy, wrong: Wrong, tmp_path: Path) -> None:
     study = copied(made, tmp_path / "study")

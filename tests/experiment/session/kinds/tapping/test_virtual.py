@@ -27,13 +27,14 @@ from palpate.experiment.apparatus.tracker.landing import LandingPredictor
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, tables
 from palpate.experiment.dataset.kinds import tapping
+from palpate.experiment.dataset.outside import losses
 from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol, Step
 from palpate.experiment.records import chain, transcript
 from palpate.experiment.records.entries import Answer, Note, PlannedTrial, Redo
-from palpate.experiment.records.kinds.tapping import Changed, Place, Pushed, Tapped
+from palpate.experiment.records.kinds.tapping import Changed, ForceTrace, Place, Pushed, Tapped
 from palpate.experiment.rehearsal.kinds.tapping import hand
 from palpate.experiment.session import attempt, exposure, runner
 from palpate.experiment.session.kind import Lent
@@ -303,6 +304,36 @@ def test_a_kill_while_a_force_is_written_costs_that_part_alone(tmp_path: Path) -
     assert known[:64].tolist() == [*range(64)]
     assert np.flatnonzero(np.diff(known) != 1).tolist() == [63]
     assert known.size == 64 + 2 * 64
+
+
+def test_a_session_goes_on_behind_an_end_that_its_file_of_force_lost(tmp_path: Path) -> None:
+    """As after a power cut: the journal names a part of which the disk has the beginning."""
+    record = ForceRecord()
+    each = [record.add(n, START_NS + n * 400_000, 1, (-0.1, 0.0), (1.0, 0.0), (0.9, 0.0)) for n in range(3 * 64)]
+    parts = [one for one in each if one]
+
+    class Sending(ScriptedServo):
+        def forces(self) -> bytes:
+            return left.popleft() if left else b""
+
+    left = deque(parts[:2])
+    Session([([touch(100.0)], "1"), ([], "=")], tmp_path, servo=Sending())
+    path = storage.journal_path(tmp_path, "01", "live")
+    raw = storage.raw_path(path, "force.bin")
+    raw.write_bytes(raw.read_bytes()[: -CYCLE.itemsize - 7])
+    left = deque(parts[2:])
+    Session([([touch(100.0, 2_000_000)], "2")], tmp_path, servo=Sending())
+    recorded = contents(tmp_path).entries
+    pushed = [one for one in recorded if isinstance(one, Pushed)]
+    assert pushed[1].trace.offset + pushed[1].trace.length == 2 * len(parts[0])
+    assert raw.stat().st_size == 3 * len(parts[0]) - CYCLE.itemsize - 7
+    cut, unnamed = losses.cut_off(path, recorded)
+    assert ([recorded[place] for place in cut], unnamed) == ([pushed[1]], 0)
+    assert [*build.raw_frames(path, losses.without_lost(path, recorded))] == [parts[0], parts[2]]
+    (lost,) = losses.losses([(path, contents(tmp_path).header)])
+    assert (lost.where, lost.refuses) == (raw, False)
+    assert "64" in lost.what.split()
+    assert ForceTrace.lossy == ("cycle", CYCLE.itemsize)
 
 
 def test_no_answer_is_taken_before_both_surfaces_were_tapped(tmp_path: Path, approved: SnapshotAssertion) -> None:
