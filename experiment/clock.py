@@ -1,4 +1,4 @@
-"""Time as integer nanoseconds since 1970 that never goes back: `MonotonicClock`, and `ManualClock` for simulations."""
+"""Time as integer nanoseconds since 1970 that never goes back."""
 
 import time
 from dataclasses import dataclass
@@ -54,24 +54,6 @@ class MonotonicClock:
 
     def uptime(self) -> Uptime | None:
         return Uptime(BOOT.read_text("ascii").strip(), time.clock_gettime_ns(time.CLOCK_BOOTTIME)) if _tells else None
-
-
-class ManualClock:
-    """Simulated time: it moves only when somebody lets time pass."""
-
-    simulated = True
-
-    def __init__(self, start_ns: int) -> None:
-        self._now_ns = start_ns
-
-    def now_ns(self) -> int:
-        return self._now_ns
-
-    def sleep_ns(self, duration_ns: int) -> None:
-        self._now_ns += max(duration_ns, 0)
-
-    def uptime(self) -> Uptime | None:
-        return None
 
 
 def lasted_ms(clock: Clock, since_ns: int) -> float | None:

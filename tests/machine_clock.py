@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate.experiment.clock import ManualClock
+from palpate.experiment.rehearsal.clock import ManualClock
 
 
 class MachineClock(ManualClock):

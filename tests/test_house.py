@@ -21,7 +21,7 @@ from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.kinds import kind_of
 from palpate.experiment.protocol.page.words import design_words, kind_words
 from palpate.experiment.records import events
-from palpate.experiment.records.kinds import lines_of
+from palpate.experiment.records.kinds import entries_of
 from palpate.experiment.rehearsal.designs import judge_of
 from palpate.experiment.rehearsal.kind import rehearsal_kind
 from palpate.experiment.session.kind import session_kind
@@ -170,7 +170,7 @@ def test_every_kind_of_trial_and_every_design_supplies_all_that_one_is_asked_for
         assert set(events.columns_of(task.kind)) > {"trial", "answered"}
         for look_up in (kind_words, build.kind_of, session_kind, rehearsal_kind):
             assert look_up(cast("Any", task))
-        assert lines_of(task.kind)
+        assert entries_of(task.kind)
     for task in (SimpleNamespace(design=name) for name in designs.NAMES):
         assert design_of(task.design).intervals
         assert design_words(cast("Any", task))

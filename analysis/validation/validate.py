@@ -17,7 +17,8 @@ from palpate.analysis import published
 from palpate.analysis.reading import dissimilarities
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
-from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity, dissimilarity_matrix, spectrum
+from palpate.experiment.synthesis.signals.dissimilarity import dissimilarity, dissimilarity_matrix
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz, spectrum
 
 
 class Recorded(Protocol):

@@ -252,6 +252,7 @@ def person(
     """
     from palpate.experiment.protocol import files
     from palpate.experiment.study import enrolment, people
+    from palpate.experiment.study.people import keeping
 
     protocol = files.load(protocol_file)
     root = dataset or enrolment.default_root(protocol)
@@ -259,7 +260,7 @@ def person(
     if forget and show:
         raise RosterError("got --forget with --show", allowed="one of them")
     if forget:
-        known = people.forget(protocol, root, participant)
+        known = keeping.forget(protocol, root, participant)
         typer.echo(f"Participant {participant}: {'what was known is deleted' if known else 'nothing was known'}.")
         _tell_other_names(protocol_file, root, known)
     elif show:
@@ -280,18 +281,19 @@ def person(
             raise RosterError(
                 "got neither a name nor a contact", remedy="nothing was stored", allowed="one of them or both"
             )
-        typer.echo(f"Participant {participant} is kept in {people.keep(protocol, root, participant, new)}")
+        typer.echo(f"Participant {participant} is kept in {keeping.keep(protocol, root, participant, new)}")
 
 
 def _tell_other_names(protocol_file: Path, root: Path, known: bool) -> None:
     """Tell where a participant's name may stand, unless it was `known` in the dataset's own file."""
     from palpate.experiment.protocol import files
     from palpate.experiment.study import people
+    from palpate.experiment.study.people import keeping
 
     if known:
         return
     typer.echo(f"{people.folder()} has no name of this participant for the dataset {root}.")
-    if others := people.others(files.load(protocol_file), root):
+    if others := keeping.others(files.load(protocol_file), root):
         typer.echo("Look for it in the study's other files of names, and delete it there by hand:")
     for path in others:
         typer.echo(f"  {path}")
@@ -501,7 +503,8 @@ def withdraw(
     from palpate.experiment.dataset import checks
     from palpate.experiment.protocol import files
     from palpate.experiment.protocol.blocks import count
-    from palpate.experiment.study import enrolment, people, withdrawal
+    from palpate.experiment.study import enrolment, withdrawal
+    from palpate.experiment.study.people import keeping
 
     if yes and not erase:
         raise RosterError(
@@ -527,7 +530,7 @@ def withdraw(
         raise
     typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
     root = path.parent.parent
-    if known := people.forget(files.load(protocol_file), root, participant):
+    if known := keeping.forget(files.load(protocol_file), root, participant):
         typer.echo("Who they were is deleted from the file of names.")
     _tell_other_names(protocol_file, root, known)
     if erase:

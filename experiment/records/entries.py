@@ -1,9 +1,8 @@
 """Models of the journal entries that every kind of trial shares: a `Header`, then entries, then a `Footer`."""
 
-from collections.abc import Callable, Mapping
 from datetime import datetime
 from hashlib import sha256
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, SerializeAsAny
 
@@ -45,10 +44,6 @@ class Entry(Record):
         """Where the raw data stand that this entry puts on record; None where none are kept."""
         trace: Trace | None = getattr(self, "trace", None)
         return trace
-
-
-Lines = Mapping[type[Entry], Callable[[Any], str]]
-"""Entries of a kind of trial, each with what makes its line in a transcript."""
 
 
 class Trace(Record):

@@ -18,7 +18,7 @@ from palpate.experiment.errors import JournalError, Remedy, SessionLocked, other
 from palpate.experiment.records import chain, entries
 from palpate.experiment.records.chain import End
 from palpate.experiment.records.entries import Entry, Header
-from palpate.experiment.records.kinds import lines_of
+from palpate.experiment.records.kinds import entries_of
 
 SHARED: tuple[type[Entry], ...] = (
     Header,
@@ -51,7 +51,7 @@ SHARED: tuple[type[Entry], ...] = (
 @cache
 def reader(*task_kinds: str) -> TypeAdapter[Entry]:
     """Return what reads the entries of a journal of these kinds of trial. Raises `ValueError` for an unknown kind."""
-    own = [entry for name in task_kinds for entry in lines_of(name)]
+    own = [entry for name in task_kinds for entry in entries_of(name)]
     entry: Any = Annotated[Union[*SHARED, *own], Field(discriminator="kind")]
     trained: Any = create_model("Trained", __base__=entries.Trained, entry=(entry, ...))
     every: Any = Annotated[Union[*SHARED, trained, *own], Field(discriminator="kind")]
@@ -172,7 +172,7 @@ def _entry(path: Path, number: int, link: chain.Link, *task_kinds: str) -> Entry
     if isinstance(entry, Header) != (number == 1):
         raise ValueError("a journal has one header, in its first line")
     if isinstance(entry, Header):
-        lines_of(entry.task_kind)
+        entries_of(entry.task_kind)
     return entry
 
 

@@ -24,13 +24,14 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
 from palpate.experiment.apparatus.ports import Actuator, Tracker
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
-from palpate.experiment.clock import ManualClock, MonotonicClock
+from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.desk.questions import Console
 from palpate.experiment.errors import Interrupted
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind, stepping
 from palpate.experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
 from palpate.experiment.rehearsal.wires.foot import Foot

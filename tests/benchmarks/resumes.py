@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Arm, Question, Reply, TrialAnswer
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Header
 from palpate.experiment.records.progress import progress
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kinds.presented.stimuli import rendered
 from palpate.experiment.session.kinds.presented.trials import PresentedDevices

@@ -28,11 +28,11 @@ from palpate.analysis.documents.tables import FORMULA, NUMBER, Section, comma_se
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Exclusion
 from palpate.experiment import __main__
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.page import page
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Phase
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.settings.characters import BLANKS, JOINERS, hidden
 from palpate.experiment.settings.load import written
 from tests.analysis.datasets import balanced, write_dataset

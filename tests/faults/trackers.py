@@ -23,9 +23,10 @@ from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
 from palpate.experiment.apparatus.tracker.landing import STOPPED, TURNED_BACK, LandingPredictor
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
-from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
+from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.errors import TrackerError
 from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.foot import Hesitation
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.session.kinds.footstep.watch import Feed, Watch, WatchedStep, watch

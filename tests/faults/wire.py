@@ -16,8 +16,8 @@ from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.frames import Decoder, Samples, encode
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.foot import Hesitation, Trajectory, trajectory
 
 BASE = tracker_of(rigs.load(shipped("rigs/rehearsal.toml")))

@@ -83,6 +83,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         *(f"experiment/recordings/{name}.py" for name in ("manifest", "store", "workflow")),
         "experiment/records/kinds/footstep.json",
         "experiment/records/kinds/footstep.py",
+        "experiment/records/transcript/footstep.py",
         "experiment/rehearsal/kinds/footstep",
         *(
             f"experiment/session/kinds/footstep/{name}.py"
@@ -117,6 +118,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/protocol/page/kinds/presented.py",
         "experiment/records/kinds/presented.json",
         "experiment/records/kinds/presented.py",
+        "experiment/records/transcript/presented.py",
         "experiment/rehearsal/kinds/presented",
         "experiment/session/kinds/presented",
         "experiment/synthesis/signals/waves.py",

@@ -35,6 +35,7 @@ def own_rooms(name: str) -> tuple[str, ...]:
             "experiment/protocol/page/designs",
             "experiment/protocol/page/kinds",
             "experiment/records/kinds",
+            "experiment/records/transcript",
             "experiment/rehearsal/designs",
             "experiment/rehearsal/kinds",
             "experiment/session/kinds",

@@ -19,7 +19,7 @@ from palpate.experiment.apparatus.doctor import doctor
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.wires import buttons as boxes
 from palpate.experiment.apparatus.wires.buttons import WRAPS_US, ButtonBox, Press
-from palpate.experiment.clock import ManualClock, MonotonicClock
+from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import ButtonsError, RigError, SessionError
 from palpate.experiment.protocol import files
@@ -27,6 +27,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer
 from palpate.experiment.rehearsal import study
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.session import simulated_far_ends
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedButtons
 from palpate.experiment.session import answering

@@ -22,13 +22,13 @@ from palpate.experiment.apparatus.audio.actuator import align
 from palpate.experiment.apparatus.audio.masker import AudioMasker, masker_noise
 from palpate.experiment.apparatus.audio.microphone import AudioMicrophone, Recorded
 from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Arm, Question, Reply, Say
 from palpate.experiment.desk.voice import ear as ears
 from palpate.experiment.desk.voice.ear import Ear
 from palpate.experiment.desk.voice.enrolling import Enroller
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records.entries import Spoken
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.mouth import Mouth
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE
 from tests.experiment.session.scripted import ScriptedConsole

@@ -18,9 +18,9 @@ from palpate.experiment.apparatus.panel import calibration, multisine
 from palpate.experiment.apparatus.panel.accelerometer import Window
 from palpate.experiment.apparatus.panel.calibration import Devices
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RecordingError, RigError
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.bench import Bench
 from palpate.experiment.rehearsal.wires.modes import Modes, MovingPanel, Resonance, read
 from palpate.experiment.rehearsal.wires.panel import Panel

@@ -13,10 +13,10 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import calibration, drift
 from palpate.experiment.apparatus.panel.calibration import Devices
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.panel import compare_panel
 from palpate.experiment.desk.questions import NO, YES, Agree, Reply
 from palpate.experiment.errors import Finding, Interrupted, RecordingError, RigError
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.bench import Bench
 from palpate.experiment.rehearsal.wires.modes import Modes
 from tests.benchmarks.drift import drifted, verdicts

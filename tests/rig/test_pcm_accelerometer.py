@@ -13,8 +13,9 @@ import pytest
 from palpate.experiment.apparatus.panel import accelerometer as ports
 from palpate.experiment.apparatus.panel.accelerometer import Heard, PcmAccelerometer
 from palpate.experiment.apparatus.rig import AccelerometerRig
-from palpate.experiment.clock import Clock, ManualClock
+from palpate.experiment.clock import Clock
 from palpate.experiment.errors import RecordingError
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.sensor import Sensor
 from tests.approved import Refuses
 

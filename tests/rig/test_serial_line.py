@@ -18,9 +18,9 @@ from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetecto
 from palpate.experiment.apparatus.tracker.serial_port import LINE_BYTES, SerialPort
 from palpate.experiment.apparatus.tracker.serial_tracker import REFILL_S, SerialTracker
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory, trajectory
 from palpate.experiment.rehearsal.wires.serial_line import Kind, SerialLine, UnpluggedError
 from tests.plugged import PluggedLine

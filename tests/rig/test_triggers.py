@@ -28,13 +28,14 @@ from palpate.experiment.apparatus.doctor import triggers as doctor
 from palpate.experiment.apparatus.wires import lsl, triggers
 from palpate.experiment.apparatus.wires.settings import TriggerEvents, TriggerRig
 from palpate.experiment.apparatus.wires.triggers import SessionTriggers, TriggerLine
-from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
+from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.link.wire import Stop
 from palpate.experiment.errors import RigError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Armed, Footer, Redo, Resumed, Triggers
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.serial_line import PseudoTerminal
 from tests.rig.visited import Desk
 

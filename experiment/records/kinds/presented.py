@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Literal
 
-from palpate.experiment.records.entries import Entry, Lines, Outcome, Record
-from palpate.experiment.records.stimulus import Delivered, Stimulus, played_line
+from palpate.experiment.records.entries import Entry, Outcome, Record
+from palpate.experiment.records.stimulus import Delivered, Stimulus
 
 
 class Interval(Record):
@@ -76,36 +76,4 @@ def all_delivered(intervals: Sequence[Interval]) -> bool | None:
     return all(heard) if heard else None
 
 
-def _shown(intervals: Sequence[Interval]) -> str:
-    return "; ".join(f"{one.material}: {_one(one)}" for one in intervals)
-
-
-def _one(interval: Interval) -> str:
-    heard = interval.delivered
-    said = played_line(interval.stimulus, None)
-    if heard is None:
-        return said
-    said = said.removesuffix("; delivery was not measured")
-    off = "no onset was measured"
-    if heard.onset_error_ms is not None:
-        off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
-    return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
-
-
-def _presented(entry: Presentation) -> str:
-    by = "the clock" if entry.set_off == "clock" else f"the {entry.set_off}"
-    return f"{entry.label}: set off by {by}; {_shown(entry.intervals)}"
-
-
-def _cut_short(entry: CutShort) -> str:
-    again = "put off to the end of the block" if entry.put_off else "made ready again"
-    felt = f"; {_shown(entry.intervals)}" if entry.intervals else ""
-    return f"{entry.label}: cut short, {again}: {entry.reason}{felt}"
-
-
-def _sample(entry: Sample) -> str:
-    at = "" if entry.level == 1.0 else f", at level {entry.level:g}"
-    return f"familiarisation{at}: {_shown((entry.interval,))}"
-
-
-LINES: Lines = {Presentation: _presented, CutShort: _cut_short, Sample: _sample}
+ENTRIES: tuple[type[Entry], ...] = (Presentation, CutShort, Sample)

@@ -2,8 +2,8 @@
 
 from typing import ClassVar, Literal
 
-from palpate.experiment.records.entries import Entry, Lines, OfAttempt, Outcome, Trace
-from palpate.experiment.records.stimulus import DeviceUs, Onset, Stimulus, onset_line, played_line
+from palpate.experiment.records.entries import Entry, OfAttempt, Outcome, Trace
+from palpate.experiment.records.stimulus import DeviceUs, Onset, Stimulus
 from palpate.experiment.storage import RAW
 
 Place = Literal["first", "second"]
@@ -59,24 +59,4 @@ class Pushed(Entry):
     lost: int
 
 
-def _laid_out(entry: PairLaidOut) -> str:
-    return f"{entry.label}: {' and '.join(entry.presented)} are laid out"
-
-
-def _changed(entry: Changed) -> str:
-    return f"{entry.label}: changed to the {entry.place} surface, {entry.material}"
-
-
-def _tapped(entry: Tapped) -> str:
-    return (
-        f"{entry.label}: tapped the {entry.place} surface, {entry.material}, at "
-        f"{entry.speed_mm_s:.1f} mm/s{' (too fast)' if entry.fast else ''}; "
-        f"{played_line(entry.stimulus, entry.onset)}{onset_line(entry.onset)}"
-    )
-
-
-def _pushed(entry: Pushed) -> str:
-    return f"the force of {entry.cycles} cycles of the servo is on record, and {entry.lost} are lost"
-
-
-LINES: Lines = {PairLaidOut: _laid_out, Changed: _changed, Tapped: _tapped, Pushed: _pushed}
+ENTRIES: tuple[type[Entry], ...] = (PairLaidOut, Changed, Tapped, Pushed)

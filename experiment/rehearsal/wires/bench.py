@@ -17,8 +17,8 @@ from palpate.experiment.apparatus.panel.calibration import Devices
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.pcm import PcmActuator
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.modes import MovingPanel
 from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.rehearsal.wires.sensor import REST_NOISE_M_S2, Sensor

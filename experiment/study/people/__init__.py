@@ -6,15 +6,14 @@ Nothing of palpate copies them: no journal, table, export, anchor or log contain
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from palpate.experiment import storage
-from palpate.experiment.errors import Remedy, RosterError
+from palpate.experiment.errors import RosterError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.characters import one_line, quoted
 
@@ -47,7 +46,9 @@ class Person(BaseModel):
     contact: Line = ""
 
 
-class _File(BaseModel):
+class File(BaseModel):
+    """What a file of names holds, by label."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     study: str
@@ -77,19 +78,13 @@ def place(protocol: Protocol, dataset: Path) -> Path | None:
     return folder() / f"{protocol.study.id}-{hashlib.sha256(drawn.encode()).hexdigest()[:16]}{ENDING}"
 
 
-def others(protocol: Protocol, dataset: Path) -> tuple[Path, ...]:
-    """Return this user's other files of names of the study, as of its pilot. Raises `RosterError` as `folder`."""
-    here = place(protocol, dataset)
-    return tuple(one for one in sorted(folder().glob(f"{protocol.study.id}-*{ENDING}")) if one != here)
-
-
 def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
     """Return who is known, by label. Raises `RosterError` if the file cannot be read."""
     path = place(protocol, dataset)
     if path is None or not path.exists():
         return {}
     try:
-        return dict(_File.model_validate(storage.json_of(storage.read_bytes(path))).people)
+        return dict(File.model_validate(storage.json_of(storage.read_bytes(path))).people)
     except (OSError, ValueError) as error:
         told = "it is not as palpate writes it" if isinstance(error, ValidationError) else str(error)
         raise RosterError(
@@ -97,66 +92,11 @@ def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
         ) from error
 
 
-def keep(protocol: Protocol, dataset: Path, participant: str, person: Person) -> Path:
-    """Save who a participant is, and return the file. Raises `RosterError` for an unreadable file, or no enrolment."""
-    with _locked_file(protocol, dataset) as path:
-        _write(path, protocol, dataset, {**known(protocol, dataset), participant: person})
-    return path
-
-
-def forget(protocol: Protocol, dataset: Path, participant: str) -> bool:
-    """Delete what is known of a participant; return False if there was nothing."""
-    if participant not in known(protocol, dataset):
-        return False
-    with _locked_file(protocol, dataset) as path:
-        people = known(protocol, dataset)
-        people.pop(participant, None)
-        _write(path, protocol, dataset, people)
-    return True
-
-
-@contextmanager
-def _locked_file(protocol: Protocol, dataset: Path) -> Iterator[Path]:
-    """Yield the file, in a folder that only its owner may open, while nobody else changes it. Raises `RosterError`."""
-    path = place(protocol, dataset)
-    if path is None:
-        remedy = Remedy("enrol the participant first", ("palpate", "enrol", "PROTOCOL"))
-        raise RosterError(dataset, "nobody is enrolled here", remedy)
-    inside = [one for one in path.resolve().parents if storage.roster_path(one).exists()]
-    if inside:
-        raise RosterError(
-            f"{path} lies in the dataset {inside[0]}; names stand in no dataset",
-            remedy="have XDG_DATA_HOME name another folder",
-        )
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with storage.locked(path.with_suffix(".lock")):
-        yield path
-
-
-def _write(path: Path, protocol: Protocol, dataset: Path, people: dict[str, Person]) -> None:
-    kept = _File(study=protocol.study.id, dataset=str(dataset.resolve()), people=dict(sorted(people.items())))
-    before = os.umask(0o077)
-    try:
-        storage.write_json(path, kept.model_dump())
-    finally:
-        os.umask(before)
-
-
 def has_name(text: str, names: Iterable[str]) -> bool:
     """Return whether a text has a part of one of these `names` that is no word of many sentences."""
     words = {word.casefold() for word in re.findall(r"\w+", text)}
     parts = {part.casefold() for name in names for part in re.findall(r"\w+", name) if len(part) >= SHORTEST}
     return bool(words & parts)
-
-
-def check_names(text: str, names: Iterable[str]) -> None:
-    """Raise `RosterError`, without the text, if it has one of these `names`."""
-    if has_name(text, names):
-        raise RosterError(
-            "got the name of a participant",
-            remedy="it stays on record for ever, so say it in other words",
-            allowed="one line that names no person",
-        )
 
 
 def check_reason(reason: str, names: Iterable[str]) -> None:

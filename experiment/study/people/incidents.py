@@ -1,5 +1,6 @@
 """Puts adverse events and deviations on record: in the roster, without saying whom they happened to."""
 
+from collections.abc import Iterable
 from datetime import date
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.load import VISIBLE
 from palpate.experiment.study import people
 from palpate.experiment.study.lines import Incident, IncidentKind, Informed, TookPart
+from palpate.experiment.study.people import has_name
 from palpate.experiment.study.roster import Roster
 
 
@@ -34,7 +36,7 @@ def report(
     today = roster.known_day(day(wall_ns()))
     names = [person.name for person in people.known(protocol, root).values()]
     for text in (what, done):
-        people.check_names(text, names)
+        check_names(text, names)
     try:
         incident = Incident(
             kind=kind,
@@ -68,3 +70,13 @@ def check_days(happened_on: date, informed_on: date | None, today: date) -> None
         raise RosterError(f"got an incident of {happened_on}", allowed=f"up to {today}")
     if informed_on is not None and not happened_on <= informed_on <= today:
         raise RosterError(f"got a board that was informed on {informed_on}", allowed=f"{happened_on} to {today}")
+
+
+def check_names(text: str, names: Iterable[str]) -> None:
+    """Raise `RosterError`, without the text, if it has one of these `names`."""
+    if has_name(text, names):
+        raise RosterError(
+            "got the name of a participant",
+            remedy="it stays on record for ever, so say it in other words",
+            allowed="one line that names no person",
+        )

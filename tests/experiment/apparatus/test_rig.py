@@ -19,10 +19,10 @@ from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import ActuatorError, RigError, TrackerError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.synthesis.shaping import Response
 from palpate.experiment.synthesis.voltages import Drive
 from tests.approved import Refuses

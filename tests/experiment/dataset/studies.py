@@ -12,7 +12,6 @@ import numpy as np
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.tracker.frames import Samples, encode
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
 from palpate.experiment.desk.messages import Repeat
 from palpate.experiment.desk.questions import Remark
@@ -21,6 +20,7 @@ from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Header
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.study import approvals, enrolment, roster

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, register, tables
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.dataset.status import status
@@ -20,6 +19,7 @@ from palpate.experiment.errors import DatasetError, Finding, PalpateError, Remed
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Withdrawal
 from palpate.experiment.records.progress import progress
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.study import enrolment, roster, withdrawal
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study

@@ -18,7 +18,6 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap, ClockState
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
 from palpate.experiment.apparatus.tracker.gate import Scrutiny
 from palpate.experiment.apparatus.tracker.serial_tracker import KEPT_S
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import placed_steps, write_foot
 from palpate.experiment.errors import TrackerStopped
@@ -27,6 +26,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import bridging, journal
 from palpate.experiment.records.entries import Exposure, Footer, PlannedTrial, Resumed, TrackerOpened
 from palpate.experiment.records.kinds.footstep import FootStep
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kinds.footstep.trials import FootstepDevices
 from tests.experiment.session.bench import HEADER

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import NO, Agree, Reply
 from palpate.experiment.errors import PalpateError, PauseAsked, ProtocolError
 from palpate.experiment.protocol import files, new
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.answering import control
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 

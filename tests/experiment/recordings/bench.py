@@ -13,10 +13,10 @@ from palpate.experiment.apparatus.panel.accelerometer import Heard, Window
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import GateDetector
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.recordings import workflow
 from palpate.experiment.recordings.store import Condition, Plan
+from palpate.experiment.rehearsal.clock import ManualClock
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 HELD_UP_NS = 7_000_000

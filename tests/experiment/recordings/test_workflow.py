@@ -15,11 +15,11 @@ from palpate.experiment.apparatus.panel.accelerometer import Window
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.tracker import serial_tracker
 from palpate.experiment.apparatus.tracker.frames import Samples
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.terminal import TerminalTakes
 from palpate.experiment.errors import PalpateError, RecordingError, RigError
 from palpate.experiment.recordings import manifest, workflow
 from palpate.experiment.recordings.store import Plan
+from palpate.experiment.rehearsal.clock import ManualClock
 from tests.experiment.recordings.bench import HELD_UP_NS, PLAN, World, good, names, record
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 

@@ -21,10 +21,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import JournalError, OtherFormat, SessionLocked
 from palpate.experiment.records import chain, journal, transcript
 from palpate.experiment.records.entries import Answer, Entry, Footer, Note, Phase, Purpose, Shown
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.settings.characters import hidden
 from tests.approved import Refuses
 from tests.experiment.session.bench import HEADER

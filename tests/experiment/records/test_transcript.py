@@ -78,7 +78,8 @@ def test_levels_and_ends_of_tracks_have_their_lines(tmp_path: Path) -> None:
 def test_each_entry_of_a_kind_has_its_line(name: str) -> None:
     module = import_module(f"palpate.experiment.records.kinds.{name}")
     own = {one for one in vars(module).values() if isinstance(one, type) and issubclass(one, Entry)}
-    assert set(module.LINES) == {one for one in own if one.__module__ == module.__name__}
+    lines = import_module(f"palpate.experiment.records.transcript.{name}").LINES
+    assert set(lines) == set(module.ENTRIES) == {one for one in own if one.__module__ == module.__name__}
 
 
 def test_one_trial_can_be_told_alone(tmp_path: Path, refuses: Refuses, approved: SnapshotAssertion) -> None:

@@ -16,7 +16,6 @@ from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.apparatus.tracker.gate import Scrutiny
 from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
 from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.voice.listening import Listening
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol.files import shipped
@@ -25,6 +24,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Header, PlannedTrial
 from palpate.experiment.records.kinds.footstep import BrokenOff
 from palpate.experiment.records.stimulus import Computed, Delivered
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kinds.footstep.trials import FootstepDevices
 from palpate.experiment.synthesis.waveforms import Basis

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from palpate.experiment.apparatus.panel.conditioning import Played
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.messages import ENTER, ESCAPE
 from palpate.experiment.desk.questions import (
     STOP,
@@ -42,6 +41,7 @@ from palpate.experiment.desk.questions import (
 )
 from palpate.experiment.errors import PalpateError, TrackerStopped
 from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.synthesis.waveforms import Waveform
 
 START_NS = 10**18

@@ -17,7 +17,7 @@ from palpate.experiment.apparatus.audio import masker as sound_level
 from palpate.experiment.apparatus.audio.masker import RESERVE_S
 from palpate.experiment.apparatus.ports import MaskerExposure
 from palpate.experiment.apparatus.tracker.frames import Samples
-from palpate.experiment.clock import ManualClock, MonotonicClock, Uptime
+from palpate.experiment.clock import MonotonicClock, Uptime
 from palpate.experiment.desk.questions import Event, Notice, Place
 from palpate.experiment.errors import AudioError, JournalError, ScreenGone, TrackerStopped
 from palpate.experiment.protocol.models import Masker, Protocol
@@ -38,6 +38,7 @@ from palpate.experiment.records.entries import (
 from palpate.experiment.records.journal import Contents, Line
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.progress import Progress, progress
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import exposure
 from palpate.experiment.session.exposure import EVERY_NS, KILLED_NS, LOOK_S, WINDOW_NS, Exposed, dose_before, spent_ns
 from palpate.experiment.session.kind import nothing_more

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.messages import Correct, Repeat
 from palpate.experiment.desk.questions import Remark
 from palpate.experiment.protocol.files import ProtocolFile
@@ -22,6 +21,7 @@ from palpate.experiment.protocol.models import Levels, Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Armed, Correction, Entry, LevelChosen, Note, Redo, TrackEnded
 from palpate.experiment.records.progress import Progress, progress
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.kinds.footstep.levels import at_level, scaled
 from palpate.experiment.session.kinds.footstep.stimulus import Sounder
 from palpate.experiment.session.kinds.footstep.watch import Watch

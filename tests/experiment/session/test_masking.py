@@ -15,7 +15,6 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.ports import MaskerExposure
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.messages import ENTER, Repeat
 from palpate.experiment.desk.questions import NO, YES, Agree, Debrief, Level, Reply
 from palpate.experiment.errors import DoseUsedUp
@@ -24,6 +23,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, MaskerSet, Note
 from palpate.experiment.records.kinds.footstep import Probed
 from palpate.experiment.records.progress import progress
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.masker import FIRST_DB_A, STEP_DB, Masking
 from tests.experiment.session.bench import Bench, bench, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole

@@ -18,7 +18,6 @@ import pytest
 from palpate.analysis.analyse import analyse
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, phenotype
 from palpate.experiment.dataset.outside import sharing
 from palpate.experiment.dataset.verify import verify
@@ -28,6 +27,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Answer, Footer, Phase, Questioned
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.study import enrolment, withdrawal
 from tests.experiment.dataset.outside.test_sharing import licensed
 from tests.experiment.dataset.studies import MadeStudy, framed, make_study

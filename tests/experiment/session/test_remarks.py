@@ -11,7 +11,6 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import DATASET
 from palpate.experiment.desk.link.standing import standing
@@ -34,6 +33,7 @@ from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Withdrawal
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.progress import progress
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import exposure, remarks
 from palpate.experiment.session.remarks import Attendance, Remarks
 from tests.experiment.session.bench import Bench, bench, entries, header

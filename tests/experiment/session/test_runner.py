@@ -13,7 +13,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.tracker.frames import Samples
-from palpate.experiment.clock import ManualClock, day
+from palpate.experiment.clock import day
 from palpate.experiment.desk.questions import NO, YES, Agree, Answered, Arm, Event, Place, Question, Reply
 from palpate.experiment.errors import JournalError, PalpateError, PauseAsked, RigError
 from palpate.experiment.protocol.models import Protocol
@@ -32,6 +32,7 @@ from palpate.experiment.records.entries import (
 )
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.stimulus import Stimulus
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.kinds.footstep.watch import BrokenStep, WatchedStep, watch
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses

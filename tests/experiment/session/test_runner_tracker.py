@@ -17,12 +17,12 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
 from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Arm, Event, Question, Reply, Silent, TrialAnswer
 from palpate.experiment.errors import PalpateError, TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Armed, Footer, Phase, TrackerOpened
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.runner import SLICE_S
 from tests.approved import Refuses
 from tests.experiment.session.bench import ORDER, Bench, bench, entries, header, in_pieces

@@ -19,11 +19,11 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.audio.masker import masker_noise
 from palpate.experiment.apparatus.audio.stream import StreamSettings
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Probe, Protocol
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.session import scene
 from palpate.experiment.session.kinds.footstep import preparation, scene_cost

@@ -19,7 +19,6 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.audio.microphone import Loudness, Recorded
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import DATASET
 from palpate.experiment.desk.questions import Arm, Question, Reply, Say
@@ -32,6 +31,7 @@ from palpate.experiment.errors import AudioError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Answer, Footer, Phase, Spoken
+from palpate.experiment.rehearsal.clock import ManualClock
 from tests.experiment.session.bench import Bench, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 

@@ -16,7 +16,7 @@ import pytest
 
 from palpate.experiment.apparatus.audio.masker import left_s
 from palpate.experiment.apparatus.ports import MaskerExposure
-from palpate.experiment.clock import ManualClock, MonotonicClock
+from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.desk import interrupts
 from palpate.experiment.desk.questions import BY_EXPERIMENTER, BY_PARTICIPANT, INTERRUPTED, STOPPED
 from palpate.experiment.errors import PalpateError, PedalError
@@ -25,6 +25,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Commanded, Exposure, MaskerSet, Note
 from palpate.experiment.records.journal import Contents
 from palpate.experiment.records.progress import progress
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import exposure
 from palpate.experiment.session.exposure import Exposed
 from palpate.experiment.session.kinds.tapping.trials import Comparisons

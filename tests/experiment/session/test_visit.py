@@ -10,12 +10,12 @@ from typing import Any, cast
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.messages import ENTER
 from palpate.experiment.desk.questions import NO, STOP, Agree, Arm, Attended, GoOn, Question, Reply
 from palpate.experiment.errors import Interrupted, PalpateError, PauseAsked, RosterError, TrackerError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Footer
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import run
 from palpate.experiment.session.visit import ask_first, ending_words, visit_steps, walk
 from palpate.experiment.study.schedule import Allocation

@@ -23,7 +23,6 @@ import pytest
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, verify
 from palpate.experiment.errors import PalpateError, RosterError
 from palpate.experiment.protocol import approval, files
@@ -32,6 +31,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.settings import load

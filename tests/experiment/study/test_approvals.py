@@ -14,13 +14,13 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, register, verify
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Resumed
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.study import amendment, approvals, enrolment, roster
 from palpate.experiment.study.admission import admit
 from palpate.experiment.study.approvals import Approvals, Approved, InProgress, Stopped

@@ -21,6 +21,7 @@ from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol import files
 from palpate.experiment.records import chain
 from palpate.experiment.study import people, privacy, withdrawal
+from palpate.experiment.study.people import keeping
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses, anywhere
 from tests.conftest import Palpate
@@ -208,7 +209,7 @@ def test_a_dataset_without_its_seed_names_the_other_files_of_names(
 ) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "mine"))
     protocol = files.load(study.file)
-    path = people.keep(protocol, study.root, "02", people.Person(name="Zoë Quux"))
+    path = keeping.keep(protocol, study.root, "02", people.Person(name="Zoë Quux"))
     path = path.rename(path.with_name(f"{protocol.study.id}-0123456789abcdef-people.json"))
     code, out, _ = palpate(*asked(study, "--erase", "--yes"))
     assert (code, f"  {path}\n" in out) == (0, True)

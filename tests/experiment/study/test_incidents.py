@@ -11,16 +11,16 @@ import pytest
 
 import palpate as library
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, status, tables, verify
 from palpate.experiment.dataset.register import LOG
 from palpate.experiment.desk.messages import TellIncident
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Note
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import remarks
 from palpate.experiment.study import people, withdrawal
-from palpate.experiment.study.people import incidents
+from palpate.experiment.study.people import incidents, keeping
 from palpate.experiment.study.people.incidents import report
 from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
@@ -53,7 +53,7 @@ def notes(path: Path) -> list[tuple[int | None, str]]:
 
 def test_an_event_is_told_in_a_session_and_in_a_pause(study: MadeStudy, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(study.root.parent / "home"))
-    people.keep(study.protocol, study.root, "02", people.Person(name="Slipping Jimmy"))
+    keeping.keep(study.protocol, study.root, "02", people.Person(name="Slipping Jimmy"))
     named = FALL.model_copy(update={"text": "Jimmy fell."})
     own = study.tasks[1]
     study.run(study.header("02", own.tasks[0]), remarks=(FALL, named))

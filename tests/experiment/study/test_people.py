@@ -11,7 +11,7 @@ import pytest
 from palpate.experiment import storage
 from palpate.experiment.errors import RosterError
 from palpate.experiment.study import people
-from palpate.experiment.study.people import Person
+from palpate.experiment.study.people import Person, keeping
 from tests.approved import Refuses
 from tests.experiment.protocol.small import protocol
 
@@ -44,49 +44,49 @@ def stored(dataset: Path) -> Path:
 
 def test_people_are_kept_and_forgotten_one_by_one() -> None:
     assert people.known(STUDY, HERE) == {}
-    people.keep(STUDY, HERE, "02", ANN)
-    people.keep(STUDY, HERE, "01", Person(contact="room 8"))
+    keeping.keep(STUDY, HERE, "02", ANN)
+    keeping.keep(STUDY, HERE, "01", Person(contact="room 8"))
     assert people.known(STUDY, HERE) == {"01": Person(contact="room 8"), "02": ANN}
-    assert people.forget(STUDY, HERE, "02")
-    assert not people.forget(STUDY, HERE, "02")
+    assert keeping.forget(STUDY, HERE, "02")
+    assert not keeping.forget(STUDY, HERE, "02")
     assert people.known(STUDY, HERE) == {"01": Person(contact="room 8")}
     assert "Übermut" not in stored(HERE).read_text("utf-8")
 
 
 def test_only_the_owner_may_read_the_file_and_its_folder() -> None:
-    path = people.keep(STUDY, HERE, "01", ANN)
+    path = keeping.keep(STUDY, HERE, "01", ANN)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
 
 
 def test_a_pilot_and_its_study_keep_their_people_apart() -> None:
-    people.keep(STUDY, PILOT, "01", ANN)
+    keeping.keep(STUDY, PILOT, "01", ANN)
     assert people.known(STUDY, HERE) == {}
-    assert not people.forget(STUDY, HERE, "01")
+    assert not keeping.forget(STUDY, HERE, "01")
     assert people.known(STUDY, PILOT) == {"01": ANN}
     # However the folder is named, it is the same one.
     assert people.known(STUDY, PILOT.resolve()) == {"01": ANN}
 
 
 def test_names_follow_a_dataset_that_is_moved(tmp_path: Path) -> None:
-    path = people.keep(STUDY, HERE, "01", ANN)
+    path = keeping.keep(STUDY, HERE, "01", ANN)
     (tmp_path / "archive").mkdir()
     moved = HERE.rename(tmp_path / "archive" / "of 2026")
     assert people.known(STUDY, moved) == {"01": ANN}
-    assert people.forget(STUDY, moved, "01")
+    assert keeping.forget(STUDY, moved, "01")
     assert "Übermut" not in path.read_text("utf-8")
 
 
 def test_where_a_dataset_lost_its_seed_the_studys_other_files_are_named(tmp_path: Path) -> None:
-    path = people.keep(STUDY, HERE, "01", ANN)
-    assert people.others(STUDY, HERE) == ()
-    assert people.others(STUDY, PILOT) == (path,)
+    path = keeping.keep(STUDY, HERE, "01", ANN)
+    assert keeping.others(STUDY, HERE) == ()
+    assert keeping.others(STUDY, PILOT) == (path,)
     storage.seed_path(HERE).unlink()
     assert (people.place(STUDY, HERE), people.known(STUDY, HERE)) == (None, {})
-    assert not people.forget(STUDY, HERE, "01")
-    assert people.others(STUDY, HERE) == (path,)
+    assert not keeping.forget(STUDY, HERE, "01")
+    assert keeping.others(STUDY, HERE) == (path,)
     with pytest.raises(RosterError, match="nobody is enrolled"):
-        people.keep(STUDY, HERE, "01", ANN)
+        keeping.keep(STUDY, HERE, "01", ANN)
     storage.seed_path(HERE).write_text("[]", "utf-8")
     assert people.place(STUDY, HERE) is None
 
@@ -110,14 +110,14 @@ def test_two_who_write_at_once_lose_nobody(monkeypatch: pytest.MonkeyPatch) -> N
             monkeypatch.undo()
             monkeypatch.setenv("XDG_DATA_HOME", data)
             monkeypatch.chdir(here)
-            people.keep(STUDY, HERE, "02", Person(name="Ben"))
+            keeping.keep(STUDY, HERE, "02", Person(name="Ben"))
 
         def __exit__(self, *_: object) -> None:
             pass
 
     data, here = os.environ["XDG_DATA_HOME"], Path.cwd()
     monkeypatch.setattr(storage, "locked", Held)
-    people.keep(STUDY, HERE, "01", ANN)
+    keeping.keep(STUDY, HERE, "01", ANN)
     assert people.known(STUDY, HERE) == {"01": ANN, "02": Person(name="Ben")}
 
 
@@ -137,7 +137,7 @@ def test_no_dataset_takes_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     roster.touch()
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "dataset" / "sourcedata" / "mine"))
     with refuses(RosterError):
-        people.keep(STUDY, HERE, "01", ANN)
+        keeping.keep(STUDY, HERE, "01", ANN)
     assert not stored(HERE).exists()
 
 

@@ -9,6 +9,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.errors import RosterError
 from palpate.experiment.study import people
+from palpate.experiment.study.people import keeping
 from tests.approved import Refuses
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
@@ -58,7 +59,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MadeStudy:
 def test_nothing_is_on_record_after_a_refused_reason(
     study: MadeStudy, palpate: Palpate, command: tuple[str, ...], approved: SnapshotAssertion
 ) -> None:
-    people.keep(study.protocol, study.root, "02", people.Person(name="Ann Example"))
+    keeping.keep(study.protocol, study.root, "02", people.Person(name="Ann Example"))
     before = {path: path.read_bytes() for path in study.root.rglob("*") if path.is_file() and path.suffix != ".lock"}
     name, *options = command
     for reason in ("felt sick", "told ann"):

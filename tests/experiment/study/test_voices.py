@@ -8,11 +8,11 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.questions import NO, YES, Arm, Question, Reply
 from palpate.experiment.desk.voice import ear
 from palpate.experiment.errors import RosterError
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import run
 from palpate.experiment.study import enrolment, withdrawal
 from palpate.experiment.study.roster import Roster

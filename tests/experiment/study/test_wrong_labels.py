@@ -10,13 +10,13 @@ import pytest
 import palpate as library
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, status, verify
 from palpate.experiment.desk.messages import TakeNote
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Note, Withdrawal
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import exposure, remarks, run
 from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import open_laboratory

@@ -23,7 +23,7 @@ from palpate.experiment import synthesis
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.session.kinds.footstep import sampling
 from palpate.experiment.synthesis import budget, crinkle, noticing, shaping, spectra, voltages, waveforms
-from palpate.experiment.synthesis.signals import noise
+from palpate.experiment.synthesis.signals import dissimilarity, noise
 from tests.approved import Refuses
 from tests.experiment.synthesis.measured import accelerations
 
@@ -52,7 +52,7 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
     c, f = some()[0], spectra.bin_frequencies_hz(bins=BINS, rate_hz=RATE_HZ)
     rates: dict[str, Any] = {"rate_hz": RATE_HZ, "output_rate_hz": OUTPUT_RATES_HZ[0]}
     on = spectra.grid(samples=BINS, bins=BINS, **rates)
-    distance = spectra.dissimilarity
+    distance = dissimilarity.dissimilarity
     return [
         ("finite: values", lambda x: spectra.finite(changed(c, x), what="c"), EITHER),
         ("spectrum: samples", lambda x: spectra.spectrum(changed(c, x)), EITHER),
@@ -72,12 +72,12 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
         ("dissimilarity: frequencies_hz", lambda x: distance(c, c, frequencies_hz=changed(f, x)), EITHER),
         (
             "dissimilarity_matrix: spectra",
-            lambda x: spectra.dissimilarity_matrix(changed(some(), x), frequencies_hz=f),
+            lambda x: dissimilarity.dissimilarity_matrix(changed(some(), x), frequencies_hz=f),
             EITHER,
         ),
         (
             "dissimilarity_matrix: frequencies_hz",
-            lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=changed(f, x)),
+            lambda x: dissimilarity.dissimilarity_matrix(some(), frequencies_hz=changed(f, x)),
             EITHER,
         ),
     ]

@@ -12,16 +12,8 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis.spectra import (
-    BAND_HZ,
-    bin_frequencies_hz,
-    dissimilarity,
-    dissimilarity_matrix,
-    grid,
-    highest,
-    inverse,
-    spectrum,
-)
+from palpate.experiment.synthesis.signals.dissimilarity import dissimilarity, dissimilarity_matrix
+from palpate.experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, grid, highest, inverse, spectrum
 from tests.approved import Refuses
 from tests.experiment.synthesis.resampled import resampled
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.dataset.imports.imported import import_trials
 from palpate.experiment.dataset.imports.layout import Layout
@@ -23,6 +22,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import chain
 from palpate.experiment.records.entries import Header
 from palpate.experiment.rehearsal import study as rehearsing
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.kinds.tapping.trials import ComparisonDevices

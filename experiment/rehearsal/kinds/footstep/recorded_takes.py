@@ -35,7 +35,8 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings.manifest import Recordings
 from palpate.experiment.recordings.store import SIMULATED, Condition, Plan, Take, plan, write
 from palpate.experiment.recordings.workflow import SPEED_TOLERANCE
-from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity_matrix, spectrum
+from palpate.experiment.synthesis.signals.dissimilarity import dissimilarity_matrix
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz, spectrum
 
 ENERGY_DECADES = 4.0
 

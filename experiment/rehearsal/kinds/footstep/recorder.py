@@ -17,7 +17,7 @@ from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import GateDetector
-from palpate.experiment.clock import Clock, ManualClock
+from palpate.experiment.clock import Clock
 from palpate.experiment.errors import RecordingError, Remedy
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.kinds.footstep import Footstep
@@ -25,6 +25,7 @@ from palpate.experiment.recordings import store, workflow
 from palpate.experiment.recordings.manifest import RECORD, Recordings
 from palpate.experiment.recordings.store import Condition, Plan, plan
 from palpate.experiment.recordings.workflow import Step
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.rehearsal.kinds.footstep.recorded_takes import CRUSH_MM, RecordingSession
 from palpate.experiment.rehearsal.wires.foot import Foot

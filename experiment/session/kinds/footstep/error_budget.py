@@ -37,7 +37,8 @@ from palpate.experiment.session.kinds.footstep.fidelity import (
 )
 from palpate.experiment.synthesis.budget import Budget, other_reading
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity
+from palpate.experiment.synthesis.signals.dissimilarity import dissimilarity
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz
 
 WATCHED_US = 4_000_000
 """So much of a slow foot's way is enough to know how well it is predicted, microseconds."""

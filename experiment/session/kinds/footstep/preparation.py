@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -40,12 +39,6 @@ def real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
     return folder
 
 
-def besides(*, scene: Scene, protocol: Protocol, recordings: Path) -> Scene:
-    """Return a scene with the materials instead that are recorded and not its own; errors as `load_spectra`."""
-    recorded = manifest.materials_of(recordings).difference(scene.materials)
-    return replace(scene, materials=tuple(one.id for one in protocol.materials if one.id in recorded))
-
-
 def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
     """Return the spectra of the materials of `scene` from their recordings. Raises `RecordingError`."""
     synthesis = protocol.table(Footstep).synthesis
@@ -64,13 +57,6 @@ def floor_m_s2(protocol: Protocol, participant: str | None = None) -> float:
     """Return the rms outside the tactile band that a participant, or anybody, does not feel, m/s^2."""
     measured = KIND.floor_m_s2(protocol, participant)
     return protocol.table(Footstep).tactile.floor_m_s2 if measured is None else measured
-
-
-def floor_words(protocol: Protocol) -> str:
-    """Return the floor, m/s^2 rms, or between which those of participants are."""
-    own = protocol.table(Footstep).tactile
-    low, high = import_module(FLOOR).range_m_s2(protocol) if own.measured else [own.floor_m_s2] * 2
-    return f"the floor {high:g}" if low == high else f"the largest floor {high:g} (the least participant's is {low:g})"
 
 
 def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> tuple[str, float]:

@@ -8,8 +8,9 @@ import subprocess
 import time
 import tracemalloc
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -21,9 +22,14 @@ from palpate.experiment.apparatus.audio.mixer import Mixer
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.recordings import manifest
 from palpate.experiment.session import scene as scenes
 from palpate.experiment.session.kinds.footstep import preparation
 from palpate.experiment.session.kinds.footstep.error_budget import ErrorBudget, error_budget, percent, wrapped
+from palpate.experiment.session.kinds.footstep.preparation import FLOOR
+from palpate.experiment.session.scene import Scene
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.waveforms import Basis
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import StreamSettings
@@ -315,7 +321,7 @@ def _virtual(
     held = preparation.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     needs = [f"parts     {', '.join(ALWAYS)}, synthesis, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
-    others = preparation.besides(scene=scene, protocol=protocol, recordings=recordings)
+    others = besides(scene=scene, protocol=protocol, recordings=recordings)
     if others.materials:
         load = partial(preparation.load_spectra, scene=others, protocol=protocol, recordings=recordings)
         nothing = "nothing: no trial of this task presents them"
@@ -345,7 +351,7 @@ def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
         return "all are asked for: the protocol counts trials at any speed, so nothing is known to stay below the floor"
     loudest, level = preparation.felt_outside(held, protocol)
     reached = f"reaches {level:.2g} m/s^2 rms at up to {fastest:g} mm/s ({loudest})"
-    floor = preparation.floor_words(protocol)
+    floor = floor_words(protocol)
     if level >= preparation.floor_m_s2(protocol):
         return f"all are asked for: what lies outside {band} {reached}, not below {floor}"
     return f"{band} are asked for: what lies outside {reached}, below {floor}"
@@ -361,7 +367,7 @@ def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent
     loudest = crinkle.rms_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
     lost = (
         f"{lost_percent} % (rms) of the vibration, which reaches {loudest:.2g} m/s^2 rms at up to {fastest:g} mm/s, "
-        f"below {preparation.floor_words(protocol)}"
+        f"below {floor_words(protocol)}"
     )
     bins = spectra.samples - held.spectra.amplitudes.shape[1]
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
@@ -377,3 +383,16 @@ def _summed_ms(basis: Basis) -> float:
 def _step_ms(render: Callable[[float], object]) -> float:
     """Return the time of one step, the mean over `SPEEDS_MM_S`, ms."""
     return sum(ms(partial(render, v)) for v in SPEEDS_MM_S) / len(SPEEDS_MM_S)
+
+
+def besides(*, scene: Scene, protocol: Protocol, recordings: Path) -> Scene:
+    """Return a scene with the materials instead that are recorded and not its own; errors as `load_spectra`."""
+    recorded = manifest.materials_of(recordings).difference(scene.materials)
+    return replace(scene, materials=tuple(one.id for one in protocol.materials if one.id in recorded))
+
+
+def floor_words(protocol: Protocol) -> str:
+    """Return the floor, m/s^2 rms, or between which those of participants are."""
+    own = protocol.table(Footstep).tactile
+    low, high = import_module(FLOOR).range_m_s2(protocol) if own.measured else [own.floor_m_s2] * 2
+    return f"the floor {high:g}" if low == high else f"the largest floor {high:g} (the least participant's is {low:g})"

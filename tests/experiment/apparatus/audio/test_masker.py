@@ -22,8 +22,8 @@ from palpate.experiment.apparatus.audio.masker import (
 )
 from palpate.experiment.apparatus.audio.mixer import SOMETIME, Block, Layout, Loop, Mixer
 from palpate.experiment.apparatus.audio.stream import AudioStream
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import AudioError, DoseUsedUp
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import scene
 from palpate.experiment.synthesis.signals.noise import Colour
 from tests.approved import Refuses

@@ -14,7 +14,8 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus.doctor import checks
-from palpate.experiment.clock import ManualClock, MonotonicClock
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.rehearsal.clock import ManualClock
 
 pytestmark = pytest.mark.fsync
 

@@ -10,10 +10,10 @@ import pytest
 from palpate.experiment.apparatus import opening, rig
 from palpate.experiment.apparatus.audio import calibration
 from palpate.experiment.apparatus.doctor import devices, doctor
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import AudioError, Finding, PalpateError, TrackerError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.clock import ManualClock
 
 RIG = rig.load(shipped("rigs/headless.toml"))
 ENDS = doctor.SimulatedPorts(port="nowhere")

@@ -9,7 +9,8 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus.doctor import checks
 from palpate.experiment.apparatus.doctor.checks import Mark
-from palpate.experiment.clock import ManualClock, MonotonicClock
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.rehearsal.clock import ManualClock
 
 TODAY_NS = int(datetime(2026, 11, 21, 12, tzinfo=UTC).timestamp()) * 10**9
 

@@ -13,9 +13,9 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import listening
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.listening import AFTER_S, BEFORE_S, QUIETEST_DB, HeardActuator, compare
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.synthesis.noticing import THIRDS_HZ
 from palpate.experiment.synthesis.waveforms import Ring
 

@@ -16,7 +16,7 @@ from palpate.experiment.apparatus.panel.movement import COLUMNS, DRIFT_DB, Movem
 from palpate.experiment.apparatus.rig import MeasuredRig, Rig
 from palpate.experiment.errors import RigError
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.records.stimulus import played_line
+from palpate.experiment.records.transcript.stimulus import played_line
 from palpate.experiment.synthesis.waveforms import Ring
 from tests.benchmarks import limit
 from tests.experiment.synthesis.stimuli import of_bins

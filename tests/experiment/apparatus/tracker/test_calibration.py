@@ -17,8 +17,8 @@ from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.calibration import Level
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError, TrackerError
+from palpate.experiment.rehearsal.clock import ManualClock
 from tests.approved import Refuses
 from tests.experiment.apparatus.tracker.test_zeroing import Heights
 

@@ -16,9 +16,9 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker import guarded
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError, TrackerError
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.clock import ManualClock
 from tests.approved import Refuses
 
 DRIVER = """

@@ -18,8 +18,8 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, encode
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import PalpateError, TrackerError, TrackerStopped
+from palpate.experiment.rehearsal.clock import ManualClock
 from tests.approved import Refuses
 from tests.machine_clock import MachineClock
 

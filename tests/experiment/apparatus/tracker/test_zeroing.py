@@ -19,8 +19,8 @@ from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError, TrackerError, TrackerStopped
+from palpate.experiment.rehearsal.clock import ManualClock
 from tests.approved import Refuses
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 

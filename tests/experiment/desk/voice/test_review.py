@@ -72,8 +72,8 @@ def study(tmp_path: Path) -> MadeStudy:
     footer = contents.entries[-1]
     from contextlib import closing
 
-    from palpate.experiment.clock import ManualClock
     from palpate.experiment.records.entries import Footer
+    from palpate.experiment.rehearsal.clock import ManualClock
 
     assert isinstance(footer, Footer)
     with closing(journal.Journal(path, ManualClock(contents.lines[-1].t_ns), contents)) as opened:

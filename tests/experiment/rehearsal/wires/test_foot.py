@@ -15,8 +15,8 @@ from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.foot import Foot, Hesitation, Trajectory, trajectory
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 from tests.approved import Refuses

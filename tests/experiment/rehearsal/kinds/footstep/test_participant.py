@@ -9,7 +9,6 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.messages import ENTER, TakeNote
 from palpate.experiment.desk.questions import Arm, Confirm, Level, Reply, Rest, TrialAnswer
 from palpate.experiment.desk.terminal import TerminalConsole
@@ -17,6 +16,7 @@ from palpate.experiment.errors import TrackerError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.kinds.footstep import Footstep
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kinds.footstep.participant import MOST_RESTS, SimulatedParticipant
 from palpate.experiment.rehearsal.kinds.footstep.recorded_takes import SimulatedMaterials
 from palpate.experiment.rehearsal.participant import Practised

@@ -29,7 +29,8 @@ from palpate.experiment.rehearsal.kinds.footstep.recorded_takes import (
     pulses,
 )
 from palpate.experiment.rehearsal.kinds.footstep.recorder import fresh_takes
-from palpate.experiment.synthesis.spectra import dissimilarity, spectrum
+from palpate.experiment.synthesis.signals.dissimilarity import dissimilarity
+from palpate.experiment.synthesis.spectra import spectrum
 from tests.approved import Refuses
 from tests.reference.okamoto2012 import TABLE_3
 

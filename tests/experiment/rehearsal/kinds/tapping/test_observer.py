@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Arm, Place
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.designs.comparison import FIRST, Comparison
 from palpate.experiment.protocol.kinds.tapping import Tapping
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kinds.tapping.participant import (
     DISCRIMINATION,
     LEANING,

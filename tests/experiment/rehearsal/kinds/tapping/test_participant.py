@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Place, Proposed, TrialAnswer
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kinds.tapping.participant import TAPS_AT_MOST, Fingers, SimulatedTapper
 from palpate.experiment.rehearsal.participant import Practised
 from tests.experiment.protocol.tapping import protocol

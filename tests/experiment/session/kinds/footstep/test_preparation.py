@@ -12,9 +12,9 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import conditioning
 from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
 from palpate.experiment.apparatus.panel.pcm import PcmActuator
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
 from palpate.experiment.session import scene
 from palpate.experiment.session.kinds.footstep import preparation

@@ -9,9 +9,9 @@ import pytest
 
 from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
 from palpate.experiment.apparatus.tracker.landing import Landing
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol.models import Ahead
 from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.kinds.footstep.stimulus import Sounder, Sounding
 from palpate.experiment.synthesis.waveforms import Waveform
 from tests.experiment.synthesis.stimuli import basis_of

@@ -8,7 +8,7 @@ import pytest
 from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from palpate.experiment.apparatus.tracker.landing import Landing, LandingPredictor
-from palpate.experiment.clock import ManualClock
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires import foot
 from palpate.experiment.session.kinds.footstep.watch import Feed, Watch, WatchedStep, watch
 from tests.benchmarks.ruler import STEP

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset.kinds.presented import _played
 from palpate.experiment.desk.messages import ENTER, Repeat
 from palpate.experiment.desk.questions import Event, Play, Playing, Reply
@@ -26,6 +25,7 @@ from palpate.experiment.records.entries import Answer, Armed, Entry, Footer, Hea
 from palpate.experiment.records.kinds.presented import CutShort, Interval, Presentation, Sample
 from palpate.experiment.records.progress import progress
 from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kind import Lent
 from palpate.experiment.session.kinds.presented.stimuli import rendered

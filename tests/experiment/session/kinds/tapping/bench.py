@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from palpate.experiment import storage
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Arm, Place, Question, Remark, Reply
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Header, PlannedTrial
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kinds.tapping.trials import ComparisonDevices
 from tests.experiment.session.bench import HEADER

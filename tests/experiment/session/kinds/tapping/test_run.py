@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment.apparatus import host
-from palpate.experiment.clock import ManualClock, day, wall_ns
+from palpate.experiment.clock import day, wall_ns
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.run import run
 from palpate.experiment.study import enrolment
 from tests.experiment.session.scripted import START_NS, ScriptedConsole

@@ -8,7 +8,6 @@ from typing import cast
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.messages import Correct, Measured, Repeat
 from palpate.experiment.protocol.designs import Meaning
 from palpate.experiment.protocol.models import Protocol
@@ -16,6 +15,7 @@ from palpate.experiment.records import transcript
 from palpate.experiment.records.entries import Answer, Armed, Correction, Redo
 from palpate.experiment.records.kinds.tapping import PairLaidOut
 from palpate.experiment.records.progress import progress
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.kind import Lent, Log
 from palpate.experiment.session.kinds.tapping.trials import Comparisons
 from tests.approved import Refuses

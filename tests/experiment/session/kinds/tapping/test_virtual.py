@@ -24,7 +24,6 @@ from palpate.experiment.apparatus.servo.record import CYCLE, ForceRecord
 from palpate.experiment.apparatus.servo.rendering import Felt, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.landing import LandingPredictor
-from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, tables
 from palpate.experiment.dataset.kinds import tapping
 from palpate.experiment.dataset.outside import losses
@@ -35,6 +34,7 @@ from palpate.experiment.protocol.models import Protocol, Step
 from palpate.experiment.records import chain, transcript
 from palpate.experiment.records.entries import Answer, Note, PlannedTrial, Redo
 from palpate.experiment.records.kinds.tapping import Changed, ForceTrace, Place, Pushed, Tapped
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kinds.tapping import hand
 from palpate.experiment.session import attempt, exposure, runner
 from palpate.experiment.session.kind import Lent

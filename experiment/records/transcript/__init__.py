@@ -1,12 +1,15 @@
-"""A journal as text for people to read."""
+"""A journal as text for people to read; a kind of trial has the lines of its own entries in the module of its name."""
 
 import textwrap
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
 
 from palpate.experiment.clock import utc
 from palpate.experiment.errors import JournalError
 from palpate.experiment.records import entries
+from palpate.experiment.records.entries import Entry
 from palpate.experiment.records.journal import Contents, Line, Unreadable
-from palpate.experiment.records.kinds import lines_of
 from palpate.experiment.records.progress import progress
 from palpate.experiment.settings.characters import keyed, plain
 
@@ -18,6 +21,9 @@ PACE = {"slow": "too slow", "right": "in range", "fast": "too fast"}
 
 INDENT = " " * 14
 """Stands where the time of an entry stands, in each further line of it."""
+
+Lines = Mapping[type[Entry], Callable[[Any], str]]
+"""Entries of a kind of trial, each with what makes its line."""
 
 
 def text(contents: Contents, trial: int | None = None) -> str:
@@ -139,7 +145,8 @@ def _entry_text(line: Line | Unreadable, task_kind: str) -> str:
         case entries.Withdrawal():
             return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
         case _:
-            return lines_of(task_kind)[type(entry)](entry)
+            lines: Lines = import_module(f"{__name__}.{task_kind}").LINES
+            return lines[type(entry)](entry)
 
 
 def _trigger(one: entries.Trigger) -> str:

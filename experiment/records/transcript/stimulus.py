@@ -1,0 +1,47 @@
+"""How a stimulus was played and met the contact, in a transcript."""
+
+from palpate.experiment.records.stimulus import Onset, Stimulus
+
+
+def played_line(stimulus: Stimulus | None, onset: Onset | None) -> str:
+    """Return what a transcript says of how a stimulus was played."""
+    if stimulus is None:
+        return "no stimulus"
+    said = f"a stimulus was played, with a peak of at most {stimulus.reached_peak_m_s2:.3g} m/s^2"
+    if stimulus.handed_unit == "V":
+        said += f" at the panel for {stimulus.handed_peak:.3g} V"
+    limits = (("its volts", stimulus.shaping), ("the measured panel", stimulus.moved))
+    said += "".join(
+        f", taken down to {of.scale:.1%} as a whole by the limit of {what}"
+        for what, of in limits
+        if of and of.scale < 1
+    )
+    said += f", with {stimulus.limited} samples cut" if stimulus.limited else ""
+    if stimulus.computed.left_out is not None:
+        said += f", off by {stimulus.computed.relative_error:.2%} (rms) with {stimulus.computed.left_out:.2%} left out"
+    if stimulus.extrapolated:
+        said += ", at a speed beyond those recorded"
+    if (heard := stimulus.heard) is not None and heard.peak_m_s2 is not None:
+        found = "" if heard.delay_ms is None else f", the stimulus {heard.delay_ms:+.1f} ms after it was due"
+        said += f"; the accelerometer heard a peak of {heard.peak_m_s2:.3g} m/s^2{found}"
+    return said if onset and onset.delivered else f"{said}; delivery was not measured"
+
+
+def onset_line(onset: Onset | None) -> str:
+    """Return what a transcript says of how a stimulus met the contact."""
+    if onset is None:
+        return ""
+    said = ""
+    if onset.prediction_error_ms is not None:
+        said += f"; the contact was predicted {onset.prediction_error_ms:+.2f} ms off"
+    if onset.ahead_ms is not None:
+        said += f"; the onset was due {onset.ahead_ms:g} ms before it, and {onset.off_ms:+.2f} ms off"
+    if onset.gate_to_scheduled_ms is not None:
+        said += f"; the onset was scheduled {onset.gate_to_scheduled_ms:.2f} ms after the gate"
+    if onset.delivered is None:
+        return said
+    heard = onset.delivered
+    off = "no onset was measured"
+    if heard.onset_error_ms is not None:
+        off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
+    return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"

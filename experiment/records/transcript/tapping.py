@@ -1,0 +1,28 @@
+"""The lines of the entries of tapping."""
+
+from palpate.experiment.records.kinds.tapping import Changed, PairLaidOut, Pushed, Tapped
+from palpate.experiment.records.transcript import Lines
+from palpate.experiment.records.transcript.stimulus import onset_line, played_line
+
+
+def _laid_out(entry: PairLaidOut) -> str:
+    return f"{entry.label}: {' and '.join(entry.presented)} are laid out"
+
+
+def _changed(entry: Changed) -> str:
+    return f"{entry.label}: changed to the {entry.place} surface, {entry.material}"
+
+
+def _tapped(entry: Tapped) -> str:
+    return (
+        f"{entry.label}: tapped the {entry.place} surface, {entry.material}, at "
+        f"{entry.speed_mm_s:.1f} mm/s{' (too fast)' if entry.fast else ''}; "
+        f"{played_line(entry.stimulus, entry.onset)}{onset_line(entry.onset)}"
+    )
+
+
+def _pushed(entry: Pushed) -> str:
+    return f"the force of {entry.cycles} cycles of the servo is on record, and {entry.lost} are lost"
+
+
+LINES: Lines = {PairLaidOut: _laid_out, Changed: _changed, Tapped: _tapped, Pushed: _pushed}
