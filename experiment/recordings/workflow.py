@@ -74,6 +74,7 @@ class Step:
             found.append("nothing shook the panel")
         elif self.window.clipped:
             found.append(f"{self.window.clipped} samples beyond the accelerometer's full scale")
+        found += [gap.sentence for gap in self.window.gaps] if self.window is not None else []
         if self.restless:
             found.append("the panel may still have shaken from an earlier knock")
         return tuple(found)

@@ -61,7 +61,8 @@ class Heard(Record):
     `peak_m_s2` is the largest magnitude; `thirds_db` are levels of the third octaves from 10 to 500 Hz, dB beside
     1 m/s^2 rms over the stimulus, and `sent_thirds_db` those of the movement that the measured panel makes of the
     samples. That was found best `delay_ms` after it was due, latencies of both ports included, and `gain` of it; None
-    where nothing resembles it. `problem` says why nothing was heard.
+    where nothing resembles it. `lost_ms` has where samples were lost, and 0 stands for them: from how long after it was
+    due on, and for how long. `problem` says why nothing was heard.
     """
 
     peak_m_s2: float | None = None
@@ -69,6 +70,7 @@ class Heard(Record):
     sent_thirds_db: tuple[float, ...] = ()
     delay_ms: float | None = None
     gain: float | None = None
+    lost_ms: tuple[tuple[float, float], ...] = ()
     problem: str = ""
 
 

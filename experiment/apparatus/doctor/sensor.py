@@ -51,7 +51,8 @@ def checks(rig: Rig, settings: AccelerometerRig, address: str | None, *, clock: 
 def heard(window: Window, settings: AccelerometerRig, *, took_s: float) -> Iterator[Finding]:
     """Yield what the samples of `LISTEN_S`, which took so long to come, tell of their sensor."""
     samples, anew = window.samples_m_s2, "or correct accelerometer.address: it may be another device's"
-    rate_hz, quiet_m_s2 = samples.size / took_s, float(np.std(samples))
+    taken = samples.size - window.lost_s * settings.rate_hz
+    rate_hz, quiet_m_s2 = taken / took_s, float(np.std(samples))
     yield judged(
         "accelerometer rate",
         abs(rate_hz - settings.rate_hz) <= RATE_PART * settings.rate_hz,

@@ -1,6 +1,7 @@
 """An accelerometer behind a raw PCM port: mono samples as little-endian float32 on TCP, without end.
 
-Such a port knows no time: the least delayed piece dates the stream, but for the latency that every piece has.
+Such a port knows no time: the least delayed piece dates the stream, but for the latency that every piece has. Where
+all pieces are late from one on, samples were lost before it: zeros stand for them, so that what follows keeps its time.
 """
 
 import socket
@@ -10,6 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from math import inf
 from typing import Protocol, cast
 
 import numpy as np
@@ -33,8 +35,25 @@ SOON_S = 0.2
 BEFORE_S = 0.002
 """How much of a take lies before its trigger, s."""
 
+LOST_S, SURE_S = 0.004, 0.1
+"""Samples were lost where all that come for so long are later than in the second before, by so much or more, s. Ours:
+what is held up comes at once in the end, and shorter than `listening.AFTER_S`."""
+
 RING_S = 10.0
 """How much is held besides a take, s: the slowest foot takes 2 s from gate to panel."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Where samples were lost: from how long after a take's first sample on, and for how long, s."""
+
+    at_s: float
+    lasts_s: float
+
+    @property
+    def sentence(self) -> str:
+        """What is told of it."""
+        return f"samples were lost for {self.lasts_s * 1e3:.0f} ms, {self.at_s * 1e3:.0f} ms after the first one"
 
 
 @dataclass(frozen=True)
@@ -42,12 +61,19 @@ class Window:
     """A take as the accelerometer heard it.
 
     Attributes:
-        samples_m_s2: from just before the vibration's beginning, m/s^2, shape (n,).
+        samples_m_s2: from just before the vibration's beginning, m/s^2, shape (n,); 0 in a gap.
         clipped: how many samples lie at or beyond full scale.
+        gaps: where samples were lost.
     """
 
     samples_m_s2: NDArray[np.float64]
     clipped: int
+    gaps: tuple[Gap, ...] = ()
+
+    @property
+    def lost_s(self) -> float:
+        """How long all gaps are together, s."""
+        return sum(gap.lasts_s for gap in self.gaps)
 
 
 @dataclass(frozen=True)
@@ -140,12 +166,12 @@ class PcmAccelerometer:
             raise self._failed(raw)
         return self._window(raw)
 
-    def samples_from(self, begin_ns: int, samples: int) -> NDArray[np.float64]:
-        """Return so many samples from a time of the host's clock on, m/s^2, and go on. Raises `RecordingError`."""
+    def samples_from(self, begin_ns: int, samples: int) -> Window:
+        """Return so many samples from a time of the host's clock on, and go on. Raises `RecordingError`."""
         raw = "nothing listens to it" if self._listening is None else self._listening.samples_from(begin_ns, samples)
         if isinstance(raw, str):
             raise self._failed(raw)
-        return raw.astype(np.float64) * self._settings.full_scale_m_s2
+        return self._window(raw)
 
     def close(self) -> None:
         self._stop_listening()
@@ -155,9 +181,10 @@ class PcmAccelerometer:
             self._listening.stop()
             self._listening = None
 
-    def _window(self, samples: NDArray[np.float32]) -> Window:
+    def _window(self, taken: "_Samples") -> Window:
+        samples, gaps = taken
         clipped = int(np.count_nonzero(np.abs(samples) >= 1.0))
-        return Window(samples.astype(np.float64) * self._settings.full_scale_m_s2, clipped)
+        return Window(samples.astype(np.float64) * self._settings.full_scale_m_s2, clipped, gaps)
 
     def _failed(self, problem: str) -> RecordingError:
         return RecordingError(
@@ -170,8 +197,45 @@ class PcmAccelerometer:
 NOT_NUMBERS = "sent NaN or infinite samples"
 """What a broken server does."""
 
-_Taken = tuple[NDArray[np.float32] | None, int | None, int | None]
+_Samples = tuple[NDArray[np.float32], tuple[Gap, ...]]
+"""Samples in a row, zeros for those that were lost, and where these are."""
+
+_Taken = tuple[_Samples | None, int | None, int | None]
 """A take, when it begins and when there was a knock before; see `Heard`."""
+
+
+class Lateness:
+    """How late the pieces of a stream come: for good after samples that were lost."""
+
+    def __init__(self) -> None:
+        self.unsure = False
+        """Whether what came last is late."""
+        self._usual_ns: dict[int, float] = {}
+        self._since_ns, self._from, self._late_ns, self._lost_ns = 0, 0, inf, 0.0
+
+    def add(self, first: int, begun_ns: float, arrived_ns: int) -> tuple[int, float] | None:
+        """Take a piece; return before which sample some were lost, once it is sure, and for how long, ns.
+
+        `first` is its first sample, and `begun_ns` when the stream began if it was not held up and nothing was lost but
+        what was returned before. It may show that this was less: then both are returned again.
+        """
+        second, usual_ns = arrived_ns // 10**9, min(self._usual_ns.values(), default=begun_ns)
+        late_ns = begun_ns - usual_ns
+        if late_ns < -LOST_S * 1e9 / 2 and self._lost_ns:
+            self._lost_ns = max(self._lost_ns + late_ns, 0.0)
+            return self._from, self._lost_ns
+        if late_ns < LOST_S * 1e9:
+            self.unsure = False
+            of_second_ns = min(begun_ns, self._usual_ns.get(second, inf))
+            self._usual_ns = {s: ns for s, ns in self._usual_ns.items() if s >= second - 1} | {second: of_second_ns}
+            return None
+        if not self.unsure:
+            self.unsure, self._since_ns, self._from, self._late_ns, self._lost_ns = True, arrived_ns, first, inf, 0.0
+        self._late_ns = min(self._late_ns, late_ns)
+        if arrived_ns - self._since_ns < SURE_S * 1e9:
+            return None
+        self.unsure, self._lost_ns = False, self._late_ns
+        return self._from, self._lost_ns
 
 
 class Listening:
@@ -187,6 +251,9 @@ class Listening:
         self._pieces: deque[tuple[NDArray[np.float32], int]] = deque()
         self._first = 0
         self._count = 0
+        self._lateness = Lateness()
+        self._lost: list[tuple[int, int]] = []
+        """Each gap: the first of its zeros, and how many these are."""
 
     @property
     def broken(self) -> str | None:
@@ -219,40 +286,62 @@ class Listening:
             start = max(triggered - before, first)
             if not self._wait(lambda: start + self._samples):
                 return self._missing()
-            first, held = self._kept_samples()
-        taken = held[start - first : start - first + self._samples]
-        if not np.all(np.isfinite(taken)):
-            return NOT_NUMBERS
-        return taken, self._time_ns(triggered, start_ns), knock_ns
+            taken = self._cut(start, self._samples)
+        return taken if isinstance(taken, str) else (taken, self._time_ns(triggered, start_ns), knock_ns)
 
-    def armed(self) -> NDArray[np.float32] | str:
+    def armed(self) -> _Samples | str:
         """Return the first samples that came, or what went wrong."""
         with self._changed:
             if not self._wait(lambda: self._samples):
                 return self._missing()
-            taken = self._kept_samples()[1][: self._samples]
-        return taken if np.all(np.isfinite(taken)) else NOT_NUMBERS
+            return self._cut(self._first, self._samples)
 
-    def samples_from(self, begin_ns: int, samples: int) -> NDArray[np.float32] | str:
+    def samples_from(self, begin_ns: int, samples: int) -> _Samples | str:
         """Return so many samples from a time on, or what went wrong; a stream that is late is not waited for long."""
         with self._changed:
-            begin = self._sample_at(begin_ns)
-            if not self._wait(lambda: begin + samples, late_s=SOON_S):
+            if not self._wait(lambda: self._sample_at(begin_ns) + samples, late_s=SOON_S):
                 return self._missing()
-            first, held = self._kept_samples()
+            return self._cut(self._sample_at(begin_ns), samples)
+
+    def _cut(self, begin: int, samples: int) -> _Samples | str:
+        """Return so many samples from one on that have all come, or what is wrong with them."""
+        first, held = self._kept_samples()
         if begin < first:
             return "the samples are no longer there"
         taken = held[begin - first : begin - first + samples]
-        return taken if np.all(np.isfinite(taken)) else NOT_NUMBERS
+        if not np.all(np.isfinite(taken)):
+            return NOT_NUMBERS
+        ends = [(max(at - begin, 0), min(at + count - begin, samples)) for at, count in self._lost]
+        gaps = (Gap(at / self._rate_hz, (end - at) / self._rate_hz) for at, end in ends if at < end)
+        return taken, tuple(gaps)
 
     def add(self, piece: NDArray[np.float32], ended_ns: int) -> None:
         """Take samples, the last of which was there at a time of the clock's, at the latest."""
         with self._changed:
             self._pieces.append((piece, ended_ns))
             self._count += piece.size
+            # In simulated time pieces come whenever their thread has its turn.
+            if not self._clock.simulated:
+                begun_ns = ended_ns - self._count * 1e9 / self._rate_hz
+                if lost := self._lateness.add(self._count - piece.size, begun_ns, ended_ns):
+                    self._fill(*lost)
             while self._count - self._first - self._pieces[0][0].size > self._most:
                 self._first += self._pieces.popleft()[0].size
             self._changed.notify_all()
+
+    def _fill(self, before: int, lasts_ns: float) -> None:
+        """Put zeros before a sample, for as many as were lost there, in place of those that stand there already."""
+        place, at = 0, self._first
+        while at < before:
+            place, at = place + 1, at + self._pieces[place][0].size
+        if self._lost and self._lost[-1][0] == before:
+            self._count -= self._lost.pop()[1]
+            del self._pieces[place]
+        if count := round(lasts_ns * self._rate_hz / 1e9):
+            ended_ns = self._pieces[place - 1][1] + round(count * 1e9 / self._rate_hz)
+            self._pieces.insert(place, (np.zeros(count, np.float32), ended_ns))
+            self._lost.append((before, count))
+            self._count += count
 
     def stop(self) -> None:
         """Take nothing more."""
@@ -260,7 +349,9 @@ class Listening:
     def _wait(self, wanted: Callable[[], int], late_s: float = LATE_S) -> bool:
         """Return whether as many samples as wanted have come, in time."""
         due_s = max(wanted() - self._count, 0) / self._rate_hz
-        self._changed.wait_for(lambda: self._count >= wanted() or self.broken, due_s + late_s)
+        self._changed.wait_for(
+            lambda: (self._count >= wanted() and not self._lateness.unsure) or self.broken, due_s + late_s
+        )
         return self._count >= wanted()
 
     def _missing(self) -> str:

@@ -202,25 +202,34 @@ def refusal(what: str, remedy: str, allowed: str = "") -> RecordingError:
     return RecordingError("panel calibration", what, f"{remedy}; then calibrate again", allowed=allowed)
 
 
+TRIES = 3
+"""How often a multisine is played at most: where samples were lost, its phases are known to a millisecond alone."""
+
+
 def heard(
     on: Devices, amplitudes: NDArray[np.complex128], lines_hz: NDArray[np.int64], seconds: int
 ) -> NDArray[np.complex128]:
     """Play a multisine, and return what was heard of each line in each of so many seconds, m/s^2, shape (seconds, K).
 
-    Raises `RecordingError` for a sensor that clips or is dead.
+    Raises `RecordingError` for a sensor that clips, is dead, or loses samples in each of `TRIES`.
     """
     played_hz, heard_hz, lasts_s = on.played_hz, on.heard_hz, BEFORE_S + seconds + AFTER_S
     second = multisine.period(amplitudes, lines_hz, rate_hz=played_hz).astype(np.float32)
-    on.listener.arm(round((lasts_s + LATE_S) * heard_hz))
-    on.player.play(np.resize(second, round(lasts_s * played_hz)))
-    window = on.listener.heard_since_armed()
-    if window.clipped:
-        raise refusal(f"{window.clipped} samples reached full scale", "lower --peak", allowed="none")
-    begin = multisine.begins(window.samples_m_s2, round(lasts_s * heard_hz)) + BEFORE_S * heard_hz
-    steady = window.samples_m_s2[begin : begin + seconds * heard_hz]
-    if not np.ptp(steady):
-        raise refusal("the sensor sends one value again and again", "plug the sensor in again, or take another cable")
-    return multisine.spectra(steady, lines_hz, rate_hz=heard_hz)
+    for _ in range(TRIES):
+        on.listener.arm(round((lasts_s + LATE_S) * heard_hz))
+        on.player.play(np.resize(second, round(lasts_s * played_hz)))
+        window = on.listener.heard_since_armed()
+        if window.clipped:
+            raise refusal(f"{window.clipped} samples reached full scale", "lower --peak", allowed="none")
+        begin = multisine.begins(window.samples_m_s2, round(lasts_s * heard_hz)) + BEFORE_S * heard_hz
+        steady, begin_s = window.samples_m_s2[begin : begin + seconds * heard_hz], begin / heard_hz
+        if not np.ptp(steady):
+            what = "the sensor sends one value again and again"
+            raise refusal(what, "plug the sensor in again, or take another cable")
+        lost = [gap for gap in window.gaps if begin_s - gap.lasts_s < gap.at_s < begin_s + seconds]
+        if not lost:
+            return multisine.spectra(steady, lines_hz, rate_hz=heard_hz)
+    raise refusal(lost[0].sentence, "close other programs on this computer", allowed=f"none, in one of {TRIES} times")
 
 
 def check_accelerometer(rig: Rig) -> None:

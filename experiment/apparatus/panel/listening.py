@@ -103,7 +103,9 @@ class HeardActuator:
             heard = self.sensor.samples_from(begin_ns, lasts + round((BEFORE_S + AFTER_S) * rate_hz))
         except RecordingError as error:
             return Heard(problem=error.sentence())
-        return compare(heard, moved, rate_hz=rate_hz, lasts=lasts)
+        lost_ms = tuple((round((gap.at_s - BEFORE_S) * 1e3, 1), round(gap.lasts_s * 1e3, 1)) for gap in heard.gaps)
+        compared = compare(heard.samples_m_s2, moved, rate_hz=rate_hz, lasts=lasts)
+        return compared.model_copy(update={"lost_ms": lost_ms})
 
 
 def open_heard(actuator: Actuator, rig: Rig, folder: Path, clock: Clock, opened: ExitStack, trial_s: float) -> Actuator:

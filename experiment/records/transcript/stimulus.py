@@ -24,6 +24,7 @@ def played_line(stimulus: Stimulus | None, onset: Onset | None) -> str:
     if (heard := stimulus.heard) is not None and heard.peak_m_s2 is not None:
         found = "" if heard.delay_ms is None else f", the stimulus {heard.delay_ms:+.1f} ms after it was due"
         said += f"; the accelerometer heard a peak of {heard.peak_m_s2:.3g} m/s^2{found}"
+        said += "".join(f", and lost {lasts:g} ms of samples {at:+g} ms after that" for at, lasts in heard.lost_ms)
     return said if onset and onset.delivered else f"{said}; delivery was not measured"
 
 

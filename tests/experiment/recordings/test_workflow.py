@@ -11,7 +11,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
-from palpate.experiment.apparatus.panel.accelerometer import Window
+from palpate.experiment.apparatus.panel.accelerometer import Gap, Window
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.tracker import serial_tracker
 from palpate.experiment.apparatus.tracker.frames import Samples
@@ -56,8 +56,10 @@ def test_a_step_off_target_is_repeated(tmp_path: Path, off: float, problem: str)
     assert problem in workflow.Step(PLAN.conditions()[0], off, None).problems[0]
 
 
-@pytest.mark.parametrize("first", [None, Window(np.ones(8), clipped=3)])
-def test_silence_and_clipping_speak_against_a_take(tmp_path: Path, first: Window | None) -> None:
+@pytest.mark.parametrize(
+    "first", [None, Window(np.ones(8), clipped=3), Window(np.ones(8), clipped=0, gaps=(Gap(0.1, 0.008),))]
+)
+def test_silence_clipping_and_lost_samples_speak_against_a_take(tmp_path: Path, first: Window | None) -> None:
     rest = Window(np.ones(8), clipped=0)
     world = World(iter([100.0, *good()]), windows=iter([first, *[rest] * 8]))
     record(world, tmp_path / "set")

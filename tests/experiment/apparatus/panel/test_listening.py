@@ -11,6 +11,7 @@ import pytest
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import listening
+from palpate.experiment.apparatus.panel.accelerometer import Gap, Window
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.listening import AFTER_S, BEFORE_S, QUIETEST_DB, HeardActuator, compare
 from palpate.experiment.errors import RecordingError
@@ -79,11 +80,11 @@ class Devices:
     def moved_m_s2(self, samples: np.ndarray) -> np.ndarray:
         return np.pad(samples.astype(np.float64), (0, 100))
 
-    def samples_from(self, begin_ns: int, samples: int) -> np.ndarray:
+    def samples_from(self, begin_ns: int, samples: int) -> Window:
         self.asked.append((begin_ns, samples))
         if self.broken:
             raise RecordingError("accelerometer", "the stream ended")
-        return np.pad(TONE / 10, (samples - TONE.size, 0))
+        return Window(np.pad(TONE / 10, (samples - TONE.size, 0)), 0, (Gap(0.05, 0.008),))
 
 
 @pytest.mark.parametrize("broken", [False, True])
@@ -101,6 +102,7 @@ def test_what_was_heard_goes_on_record_with_its_stimulus_once_that_was_due(broke
     assert heard is not None
     assert devices.asked == [(round((5 - BEFORE_S) * 1e9), TONE.size + round((BEFORE_S + AFTER_S) * RATE_HZ))]
     assert (heard.peak_m_s2 is None, heard.problem != "") == (broken, broken)
+    assert heard.lost_ms == (() if broken else ((round((0.05 - BEFORE_S) * 1e3, 1), 8.0),))
 
 
 def test_what_was_heard_first_is_still_there_after_the_last_stimulus_of_a_trial(
