@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.experiment.apparatus.panel.accelerometer import LOST_S, RING_S, Gap, Listening
-from palpate.experiment.clock import ManualClock
+from palpate.experiment.rehearsal.clock import ManualClock
 
 RATE_HZ, PIECE_S, LONG_S, TAKE_S = 1000, 0.01, 3.0, 2.0
 START_NS = 10**15
