@@ -171,8 +171,15 @@ def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practic
         label = "PILOT"
     at_will = any(kind_of(task.kind).at_will for task in protocol.tasks)
     mode, progress = protocol.answers.mode, protocol.answers.progress
-    study = protocol.study.id
-    return View(label=label, study=study, at_will=at_will, mode=mode, progress=progress, participant=participant)
+    return View(
+        label=label,
+        study=protocol.study.id,
+        at_will=at_will,
+        mode=mode,
+        progress=progress,
+        reveals=protocol.answers.reveal,
+        participant=participant,
+    )
 
 
 def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"], *, last: bool) -> None:

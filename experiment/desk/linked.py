@@ -264,6 +264,8 @@ class LinkedConsole:
             return self._note_shown(deed, session)
         if session is None:
             return False, NO_SESSION
+        if isinstance(deed, messages.Reveal):
+            return session.remark(deed)
         if isinstance(deed, messages.TakeNote):
             # Raises for what cannot go on record.
             characters.one_line(deed.text)

@@ -174,6 +174,12 @@ class Repeat(Message):
     reason: str
 
 
+class Reveal(Message):
+    """Levels of tracks and answers by material are shown from now on, if the protocol allows it."""
+
+    do: Literal["reveal"] = "reveal"
+
+
 class TellIncident(Message):
     """An adverse event, or a deviation: what happened today and what was done; `trial` as in a note."""
 

@@ -39,7 +39,10 @@ STOPPED = "The participant stopped everything: the session pauses."
 NO_ANSWER = "no answer"
 """What the key stands for that says that the participant said nothing."""
 
-Remark = messages.TakeNote | messages.Correct | messages.Repeat | messages.TellIncident
+REVEALED = "revealed"
+"""The step on record once the experimenter has results shown."""
+
+Remark = messages.TakeNote | messages.Correct | messages.Repeat | messages.Reveal | messages.TellIncident
 """What the experimenter may say instead of answering a question."""
 
 

@@ -440,6 +440,7 @@ class Answers(Confined):
             keys, or at the screen.
         on_screen: the participant's screen shows the materials.
         progress: it shows how many trials are answered, of how many.
+        reveal: the experimenter may see levels and answers by material; that goes on record.
         no_answer_key: no answer.
         redo_key: repeat the trial at the end of its block.
         pause_key: pause the session.
@@ -449,6 +450,7 @@ class Answers(Confined):
     mode: rules.Mode = "oral"
     on_screen: bool = False
     progress: bool = Field(False, json_schema_extra={"since": 7})
+    reveal: bool = Field(False, json_schema_extra={"since": 7})
     no_answer_key: Key
     redo_key: Key
     pause_key: Key

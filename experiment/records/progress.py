@@ -12,6 +12,9 @@ from functools import reduce
 from palpate.experiment.records import entries as entry_kinds
 from palpate.experiment.records.entries import Entry
 
+MEASURED = 100
+"""So many answers and ends of attempts are at hand: about fifty trials."""
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -23,7 +26,7 @@ class Progress:
     is the last one if the session has ended since. `masker_db_a` is the latest level, dB(A). `visited` are steps beside
     the trials. `stimuli` were played in steps and probes, `vibration_s` together, s. `levels` are on record by trial,
     the newest each, and of tracks that `ended` no trial remains. `trained` says of each answer of the training whether
-    it was right, and `training` how that ended.
+    it was right, and `training` how that ended. `measured` are the newest answers and ends of attempts, oldest first.
     """
 
     header: entry_kinds.Header
@@ -42,6 +45,7 @@ class Progress:
     ended: frozenset[str] = frozenset()
     trained: tuple[bool, ...] = ()
     training: entry_kinds.TrainingEnded | None = None
+    measured: tuple[Entry, ...] = ()
 
     @property
     def answered(self) -> tuple[int, ...]:
@@ -91,6 +95,8 @@ class Progress:
         done = self if footer is self.footer else replace(self, footer=footer)
         for lasts_s in entry.felt_s:
             done = replace(done, stimuli=done.stimuli + 1, vibration_s=done.vibration_s + lasts_s)
+        if isinstance(entry, entry_kinds.Answer | entry_kinds.Outcome):
+            done = replace(done, measured=(*done.measured[1 - MEASURED :], entry))
         if isinstance(entry, entry_kinds.Armed):
             attempts = {**self.attempts, entry.trial: entry.attempt}
             return replace(done, attempts=attempts, armed=(entry.trial, entry.attempt), unanswered=None)

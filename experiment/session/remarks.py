@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.clock import Clock
-from palpate.experiment.desk.messages import Correct, Gauges, Lamp, Prompt, Repeat, TakeNote, TellIncident
-from palpate.experiment.desk.questions import Question, Remark, Report
+from palpate.experiment.desk.messages import Correct, Gauges, Lamp, Prompt, Repeat, Reveal, TakeNote, TellIncident
+from palpate.experiment.desk.questions import REVEALED, Question, Remark, Report
 from palpate.experiment.errors import RosterError
 from palpate.experiment.protocol import files
 from palpate.experiment.records import entries, journal
@@ -72,6 +72,8 @@ class Remarks:
                 if note is not None:
                     self.lent.log.write(note)
                 return note is not None, words
+            if isinstance(remark, Reveal):
+                return self._reveal()
             done = self.lent.log.done
             if isinstance(remark, Repeat) and done.armed is not None and done.armed[0] == remark.trial:
                 self.lent.limits.skip(remark.reason)
@@ -88,6 +90,15 @@ class Remarks:
             attempt = done.attempts[remark.trial]
             self.lent.log.write(entries.Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
             return True, f"Trial {remark.trial} is done again; the answer that it had no longer counts."
+
+    def _reveal(self) -> tuple[bool, str]:
+        """Put on record that results are shown from now on, if the protocol allows it."""
+        if not self.lent.protocol.answers.reveal:
+            return False, "The protocol does not allow results to be shown during a session."
+        if REVEALED not in self.lent.log.done.visited:
+            shown = "levels of tracks and answers by material are shown to the experimenter"
+            self.lent.log.write(entries.Visited(step=REVEALED, text=shown))
+        return True, "Levels and answers by material are shown from now on. This is on record."
 
     def ask_report(self) -> None:
         """Ask, at the end of a visit, for what was not asked or told yet."""

@@ -19,7 +19,7 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.desk import messages
 from palpate.experiment.desk.console import forms, picture
 from palpate.experiment.desk.console.panes import Board
-from palpate.experiment.desk.console.picture import COMMANDS, PRESSES, keycap
+from palpate.experiment.desk.console.picture import COMMANDS, PRESSES, REVEAL, keycap
 from palpate.experiment.desk.console.presses import MOUSE, Chosen, Presses
 from palpate.experiment.desk.link import Line, wire
 from palpate.experiment.errors import LinkError
@@ -287,10 +287,20 @@ class Console(App[Left]):
             self._press_in_form(key)
         elif key in FORMS and not (self._lost or self.view_now.ended):
             self._open(forms.opened(FORMS[key], self.view_now))
+        elif key == REVEAL and self.view_now.reveals:
+            self._show_results()
         elif key in SCROLLS:
             self._board.scroll(key)
         elif key != messages.ENTER or not self._enters(at_s):
             self._answer(key, at_s)
+
+    def _show_results(self) -> None:
+        """Show results, or no longer; they are asked for once."""
+        self._board.results = not self._board.results
+        if not self.view_now.standing.revealed:
+            self._board.results = True
+            self._send(messages.Reveal())
+        self._draw()
 
     def _enters(self, at_s: float) -> bool:
         """Return whether Enter belongs to the key that was pressed last; then it confirms that."""

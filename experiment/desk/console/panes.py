@@ -41,7 +41,9 @@ PANES = (
     "left",
     "trace",
     "gauges",
+    "strip",
     "recent",
+    "results",
     "commands",
 )
 
@@ -218,6 +220,8 @@ class Board(Vertical):
         self._side = VerticalScroll(id="side", can_focus=False)
         self._fitted: tuple[object, ...] = ()
         self.says = ""
+        self.results = False
+        """Whether results are shown, once they are revealed, in the place of what takes most room beside them."""
         self.blanks = Blanks()
 
     def compose(self) -> ComposeResult:
@@ -239,7 +243,7 @@ class Board(Vertical):
                 with self._told:
                     yield pane["lines"]
             with self._side:
-                for name in ("left", "trace", "gauges", "recent"):
+                for name in ("left", "trace", "gauges", "strip", "recent", "results"):
                     yield pane[name]
         yield pane["commands"]
 
@@ -277,15 +281,21 @@ class Board(Vertical):
         pane["asked"].show(picture.question_text, question, now, view.lay_out, view.heard, large)
         pane["offered"].show(picture.offered, choices, roomy, self._columns(choices) if large else 0)
         pane["lines"].show(picture.lines, view.lines)
-        pane["commands"].show(picture.commands, wide)
+        pane["commands"].show(picture.commands, wide, view.reveals)
         pane["recent"].show(picture.recent, standing.recent)
-        pane["recent"].set_class(roomy, "roomy")
+        for name in ("strip", "recent", "results"):
+            pane[name].set_class(roomy, "roomy")
+        results = self.results and standing.revealed
+        pane["results"].show(picture.results, standing, view.answers, side - 4)
+        pane["results"].display, pane["recent"].display = results, not results
         self._side.styles.width = side
         known = gauges is not None and now is not picture.GONE
         pane["left"].display = pane["gauges"].display = known
-        pane["trace"].display = known and gauges is not None and bool(gauges.trace_unit)
+        pane["strip"].display = known and large and not results
+        pane["trace"].display = known and not results and gauges is not None and bool(gauges.trace_unit)
         if gauges is not None:
             pane["left"].show(Text, picture.time_left(gauges.left_s))
+            pane["strip"].show(picture.measures, standing, bool(gauges.trace_unit) and not view.at_will)
             pane["trace"].show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)
             still = gauges.model_copy(update={"trace": (), "left_s": 0.0})
             pane["gauges"].show(picture.gauges, still, roomy, side - 4)

@@ -1,15 +1,16 @@
 """What the console draws of a view, as texts of rich; keys and commands carry `PRESSES` in their style, for clicks."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from statistics import median
 
 from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from palpate.experiment.desk.link.wire import Asked, Told, View
+from palpate.experiment.desk.link.wire import Asked, Standing, Told, View
 from palpate.experiment.desk.messages import ENTER, Choice, Gauges, Lamp
 
 PRESSES = "presses"
@@ -27,7 +28,19 @@ COMMANDS = {
 }
 """Keys that no answer of a protocol can have, as they are shown, and what they do."""
 
-NAMED = {"enter": "Enter", "escape": "Esc", " ": "Space", **{key: cap for key, (cap, _) in COMMANDS.items()}}
+REVEAL, REVEALS = "f1", ("F1", "show")
+"""The key that has results shown, where the protocol allows it, with its cap and what it does."""
+
+NAMES = 6
+"""A material's name has so many cells at least beside its counts."""
+
+NAMED = {
+    "enter": "Enter",
+    "escape": "Esc",
+    " ": "Space",
+    REVEAL: REVEALS[0],
+    **{key: cap for key, (cap, _) in COMMANDS.items()},
+}
 """Keys that are no characters, or none that can be seen, as they are shown."""
 
 BARS = " ▁▂▃▄▅▆▇█"
@@ -319,6 +332,62 @@ def recent(told: tuple[Told, ...]) -> Text:
     return text
 
 
+def measures(standing: Standing, steps: bool) -> Text:
+    """Return what a session measured so far, two lines each; with `steps` their speeds."""
+    text = _cell("Response time", _newest(standing.responses_s, "s", 1), standing.responses_s)
+    if steps:
+        text.append("\n").append_text(_cell("Speed", _newest(standing.speeds_mm_s, "mm/s", 0), standing.speeds_mm_s))
+    return text
+
+
+def _cell(title: str, value: str, series: Sequence[float]) -> Text:
+    """Return a title, a value, and below them a series as bars from zero on, the newest at the right."""
+    most = max(series, default=0.0) or 1.0
+    bars = "".join(BARS[1 + round(7 * max(value, 0.0) / most)] for value in series)
+    return Text.assemble((f"{title}: ", DIM), (f"{value}\n", PLAIN), (bars, TRACE))
+
+
+def _newest(values: Sequence[float], unit: str, digits: int) -> str:
+    """Return the last value and the median of all."""
+    if not values:
+        return "none yet"
+    return f"{values[-1]:.{digits}f} {unit}, median {median(values):.{digits}f}"
+
+
+def results(standing: Standing, answers: Sequence[Choice], width: int) -> Text:
+    """Return how often each answer was given to what was presented, in a column of its key where all have room, and
+    the levels of tracks.
+    """
+    text = Text("Answers by material", style=DIM)
+    keys = {choice.words: choice.key for choice in answers}
+    cell = 1 + max((len(str(times)) for one in standing.tallies for _, times in one.answers), default=1)
+    names = width - cell * len(keys)
+    rows = _matrix(standing, keys, names, cell) if keys and names >= NAMES else _listed(standing)
+    for name, counts in rows:
+        text.append("\n").append_text(name).append(counts, style=PLAIN)
+    others = standing.answered - sum(times for one in standing.tallies for _, times in one.answers)
+    text.append(f"\nothers: {others} answers" if others else "", style=DIM)
+    for track in standing.tracks:
+        last = f"last {track.levels[-1]:.3g}"
+        text.append("\n").append_text(_cell(f"Level of {track.name}", last, track.levels))
+    return text
+
+
+def _matrix(standing: Standing, keys: Mapping[str, str], names: int, cell: int) -> Iterator[tuple[Text, str]]:
+    """Yield a row of keys, and one a material: its name in so many cells, and a count for each key, empty for none."""
+    yield Text(" " * names), "".join(key.rjust(cell) for key in keys.values())
+    for one in standing.tallies:
+        name, counts = Text(one.presented, style=DIM), dict(one.answers)
+        name.truncate(names, overflow="ellipsis", pad=True)
+        yield name, "".join(str(counts.get(said, "")).rjust(cell) for said in keys)
+
+
+def _listed(standing: Standing) -> Iterator[tuple[Text, str]]:
+    """Yield each material's name, and its answers in words, the most frequent first."""
+    for one in standing.tallies:
+        yield Text(f"{one.presented}: ", style=DIM), ", ".join(f"{said} {times}" for said, times in one.answers)
+
+
 def time_left(left_s: float) -> str:
     """Return how much of a session's time is left, in words."""
     if left_s <= 0:
@@ -340,12 +409,12 @@ def counts_down(question: Asked | None, lasts: bool) -> Text:
     return Text("until Enter\nworks" if early else "left\nat most" if lasts else "The time\nis over.")
 
 
-def commands(wide: bool) -> Text:
-    """Return the commands that may be given at any moment."""
-    text = Text()
-    for key, (cap, does) in COMMANDS.items():
+def commands(wide: bool, reveals: bool) -> Text:
+    """Return the commands that may be given at any moment; `reveals`: among them the one that shows results."""
+    text, all_of_them = Text(), ({REVEAL: REVEALS} if reveals else {}) | COMMANDS
+    for key, (cap, does) in all_of_them.items():
         if text:
-            text.append("    " if wide else " ")
+            text.append(" " * (1 if not wide else 2 if reveals else 4))
         meta = Style(meta={PRESSES: key})
         text.append(f" {cap} " if wide else cap, style=Style.parse(f"bold #000000 on {DIM}") + meta)
         text.append(f" {does}", style=Style.parse(PLAIN) + meta)

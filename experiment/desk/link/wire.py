@@ -18,6 +18,7 @@ from palpate.experiment.desk.messages import (
     Kind,
     Message,
     Repeat,
+    Reveal,
     TakeNote,
     TellIncident,
 )
@@ -28,6 +29,12 @@ LONGEST = 65_536
 
 RECENT = 5
 """So many answers are shown, the newest last."""
+
+SERIES = 24
+"""So many values of a series are shown, the newest last."""
+
+TALLIES = 20
+"""Answers are shown for so many materials, or pairs, at most."""
 
 LINES = 50
 """So many lines are shown, the newest last."""
@@ -63,8 +70,26 @@ class Told(Message):
     corrected: bool = False
 
 
+class Track(Message):
+    """The levels of a track's newest answered trials, oldest first."""
+
+    name: str
+    levels: tuple[float, ...]
+
+
+class Tally(Message):
+    """How often each answer was given to what was presented."""
+
+    presented: str
+    answers: tuple[tuple[str, int], ...]
+
+
 class Standing(Message):
-    """A session's progress and purpose: answered and remaining `trials`, and `recent` answers, oldest first."""
+    """A session's progress and purpose: answered and remaining `trials`, and `recent` answers, oldest first.
+
+    `responses_s` are of the newest answered trials, and `speeds_mm_s` of the newest steps, oldest first.
+    `tracks`, the newest first, and `tallies` are empty until the results were `revealed`.
+    """
 
     task: str = ""
     purpose: str = ""
@@ -72,6 +97,11 @@ class Standing(Message):
     answered: int = 0
     remaining: int = 0
     recent: tuple[Told, ...] = ()
+    responses_s: tuple[float, ...] = ()
+    speeds_mm_s: tuple[float, ...] = ()
+    revealed: bool = False
+    tracks: tuple[Track, ...] = ()
+    tallies: tuple[Tally, ...] = ()
 
 
 class Ended(Message):
@@ -90,7 +120,7 @@ class View(Message):
     `instruction` is the participant's: of the familiarization, then of the task until a first answer. `heard` is the
     microphone's proposal. `again` says why the step before did not count. `answers` are this task's, once asked for.
     `masked`: headphones played a masker in this task. `mode` is the protocol's of answers, and whether the
-    participant sees their `progress`.
+    participant sees their `progress`; results may be revealed (`reveals`) where the protocol allows it.
     `pause_until_ns` ends a break or a familiarization, ns of the system's clock.
     """
 
@@ -100,6 +130,7 @@ class View(Message):
     at_will: bool = False
     mode: Mode = "oral"
     progress: bool = False
+    reveals: bool = False
     participant: str = ""
     step: str = ""
     steps: tuple[str, ...] = ()
@@ -183,7 +214,7 @@ class Shown(Message):
 
 
 Deed = Annotated[
-    Choose | Write | TakeNote | Correct | Repeat | TellIncident | Pause | Stop | Typed | Shown,
+    Choose | Write | TakeNote | Correct | Repeat | Reveal | TellIncident | Pause | Stop | Typed | Shown,
     Field(discriminator="do"),
 ]
 """What a command asks for."""

@@ -477,6 +477,11 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
         yield Said(
             "Beside the keys the experimenter sees which answer the microphone seems to have heard. The key decides."
         )
+    if answers.reveal:
+        yield Said(
+            "During a session the experimenter may see the levels of tracks and the answers by material. The session's "
+            "record shows whether and when."
+        )
     yield Said(
         "A trial whose stimulus may have been felt, and which has no confirmed answer, is repeated at the end of its "
         "block, whatever the cause: the key, a pause, a rule below, or a fault of the rig. In a task whose order is "

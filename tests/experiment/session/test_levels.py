@@ -14,12 +14,24 @@ import numpy as np
 import pytest
 
 from palpate.experiment import storage
+from palpate.experiment.desk.link.standing import standing
+from palpate.experiment.desk.link.wire import SERIES
 from palpate.experiment.desk.messages import Correct, Repeat
-from palpate.experiment.desk.questions import Remark
+from palpate.experiment.desk.questions import REVEALED, Remark
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Levels, Protocol
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Answer, Armed, Correction, Entry, LevelChosen, Note, Redo, TrackEnded
+from palpate.experiment.records.entries import (
+    Answer,
+    Armed,
+    Correction,
+    Entry,
+    LevelChosen,
+    Note,
+    Redo,
+    TrackEnded,
+    Visited,
+)
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.kinds.footstep.levels import at_level, scaled
@@ -81,6 +93,16 @@ def test_each_attempt_has_its_level_on_record_before_it_is_armed(whole: tuple[En
     done = progress(whole)
     assert (done.complete, done.remaining) == (True, ())
     assert done.trials == len(done.answered) < len(HEADER.order)
+
+
+def test_levels_of_answered_trials_are_told_by_track_once_they_are_revealed(whole: tuple[Entry, ...]) -> None:
+    assert standing(progress(whole)).tracks == ()
+    told = standing(progress((*whole, Visited(step=REVEALED, text="")))).tracks
+    by_trial, answered = {one.trial: one for one in levels(whole)}, progress(whole).answered
+    for track in told:
+        assert track.levels == tuple(by_trial[n].level for n in answered if by_trial[n].track == track.name)[-SERIES:]
+    assert {track.name for track in told} == {one.track for one in levels(whole)}
+    assert told[0].name == by_trial[answered[-1]].track
 
 
 def test_a_session_that_was_paused_anywhere_goes_on_with_the_same_levels(

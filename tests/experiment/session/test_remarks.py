@@ -15,8 +15,9 @@ from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import DATASET
 from palpate.experiment.desk.link.standing import standing
 from palpate.experiment.desk.link.wire import Standing
-from palpate.experiment.desk.messages import Correct, Gauges, Repeat, TakeNote
+from palpate.experiment.desk.messages import Correct, Gauges, Repeat, Reveal, TakeNote
 from palpate.experiment.desk.questions import (
+    REVEALED,
     Arm,
     Attended,
     Debrief,
@@ -30,7 +31,17 @@ from palpate.experiment.desk.questions import (
 from palpate.experiment.errors import ScreenGone
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal, transcript
-from palpate.experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Withdrawal
+from palpate.experiment.records.entries import (
+    Answer,
+    Commanded,
+    Correction,
+    Footer,
+    Ignored,
+    Note,
+    Redo,
+    Visited,
+    Withdrawal,
+)
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.clock import ManualClock
@@ -371,6 +382,33 @@ def test_a_desk_is_told_how_far_the_session_is_and_never_what_was_presented(prot
     assert [gauges.stimuli for gauges, _ in told] == [0, 1, 2]
     assert all(gauges.left_s > 0 and gauges.masker_db_a is None for gauges, _ in told)
     assert {lamp.name for lamp in told[-1][0].lamps} >= {"tracker", "disk"}
+
+
+@pytest.mark.parametrize("allowed", [True, False])
+def test_answers_by_material_are_told_where_the_protocol_allows_it_and_that_goes_on_record(
+    protocol: Protocol, tmp_path: Path, allowed: bool
+) -> None:
+    allows = protocol.model_copy(update={"answers": protocol.answers.model_copy(update={"reveal": allowed})})
+    told: list[Standing] = []
+    one = bench("cpt")
+    keys: list[str | Remark] = ["c", Reveal(), "p", Reveal(), "t"]
+    one.console = Attentive(one.clock, keys, lambda session, *_: told.append(standing(session.done())))
+    one.run(allows, header("real"), tmp_path)
+    revealed = [e for e in entries(tmp_path, "real") if isinstance(e, Visited) and e.step == REVEALED]
+    assert len(revealed) == allowed
+    assert not told[0].tallies
+    assert [one.revealed for one in told] == [False, False, *[allowed] * (len(told) - 2)]
+    presented = [planned.track for planned in header("real").order]
+    counts = {one.presented: one.answers for one in told[-1].tallies}
+    expected = {presented[0]: (("copy paper", 1),), presented[1]: (("polypropylene", 1),)} if allowed else {}
+    assert counts == expected
+    assert len(told[-1].responses_s) == 2
+    steps = [e.speed_mm_s for e in entries(tmp_path, "real") if isinstance(e, FootStep)]
+    assert told[-1].speeds_mm_s == tuple(steps[:-1])
+    # Whoever resumes it finds it shown.
+    paused = remarks.paused(tmp_path, "01", ("real",), "real", one.clock)
+    assert paused is not None
+    assert standing(paused.done()).revealed == allowed
 
 
 @pytest.mark.parametrize(("keys", "reason"), [("cq", "paused"), ("cpt", "complete")])

@@ -33,7 +33,7 @@ from palpate.experiment.desk.link.wire import (
     View,
     Write,
 )
-from palpate.experiment.desk.messages import Choice, Correct, Gauges, Repeat, TakeNote
+from palpate.experiment.desk.messages import Choice, Correct, Gauges, Repeat, Reveal, TakeNote
 from palpate.experiment.errors import LinkError
 from tests.approved import Refuses
 from tests.experiment.desk.console.scripted import Desk, desk, question
@@ -426,6 +426,15 @@ def test_every_command_can_be_given_at_any_moment(tmp_path: Path, keys: tuple[st
             await there.until(lambda: there.end.words in there.text and not there.app.query_one("Blanks").display)
 
     at_a_desk(tmp_path, ARMED, then)
+
+
+@pytest.mark.parametrize("reveals", [True, False])
+def test_results_are_asked_for_where_the_protocol_allows_it(tmp_path: Path, reveals: bool) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("f1", "f7")
+        assert await there.deeds(1 + reveals) == [Reveal(), Pause()][not reveals :]
+
+    at_a_desk(tmp_path, ARMED.model_copy(update={"reveals": reveals}), then)
 
 
 def test_the_note_keeps_the_trial_in_which_it_was_begun(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.desk.console import picture
-from palpate.experiment.desk.link.wire import Asked, Ended, View
+from palpate.experiment.desk.link.wire import Asked, Ended, Standing, Tally, Track, View
 from palpate.experiment.desk.messages import Choice, Gauges, Lamp
 from palpate.experiment.errors import Interrupted
 
@@ -146,3 +146,38 @@ def test_what_was_heard_stands_under_the_question_of_an_answer_alone() -> None:
         text = picture.question_text(asked, picture.ASKED[kind], "", heard, False).plain
         assert (text.split("\n")[-1] == heard) is shown
     assert heard not in picture.question_text(None, picture.STATES["armed"], "", heard, False).plain
+
+
+MEASURED = Standing(answered=3, responses_s=(1.0, 2.0, 4.0), speeds_mm_s=(100.0, 200.0))
+
+
+def test_the_last_value_stands_beside_the_median_above_its_bars() -> None:
+    lines = picture.measures(MEASURED, steps=True).plain.split("\n")
+    assert lines == ["Response time: 4.0 s, median 2.0", "▃▅█", "Speed: 200 mm/s, median 150", "▅█"]
+
+
+def test_before_the_first_answer_the_strip_is_as_high() -> None:
+    heights = [len(picture.measures(one, steps=True).plain.split("\n")) for one in (Standing(), MEASURED)]
+    assert heights == [4, 4]
+
+
+def test_speeds_are_those_of_steps_alone() -> None:
+    assert "mm/s" not in picture.measures(MEASURED, steps=False).plain
+
+
+def test_a_track_shows_its_last_level() -> None:
+    told = MEASURED.model_copy(update={"tracks": (Track(name="hum", levels=(1.0, 0.5)),), "answered": 0})
+    title, bars = picture.results(told, (), 30).plain.split("\n")[1:]
+    assert (title.split()[2:], bars) == (["hum:", "last", "0.5"], "█▅")
+
+
+@pytest.mark.parametrize(
+    ("width", "rows"),
+    [(12, ["        f  c", "felt    1 11"]), (11, ["felt: cork 11, felt 1"])],
+    ids=["in columns", "without room for columns"],
+)
+def test_answers_are_counted_by_material_and_so_are_those_left_out(width: int, rows: list[str]) -> None:
+    tally = Tally(presented="felt", answers=(("cork", 11), ("felt", 1)))
+    told = MEASURED.model_copy(update={"tallies": (tally,), "answered": 13})
+    answers = [Choice(key=name[0], words=name) for name in ("felt", "cork")]
+    assert picture.results(told, answers, width).plain.split("\n")[1:] == [*rows, "others: 1 answers"]
