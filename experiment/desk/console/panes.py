@@ -286,8 +286,9 @@ class Board(Vertical):
         for name in ("strip", "recent", "results"):
             pane[name].set_class(roomy, "roomy")
         results = self.results and standing.revealed
-        pane["results"].show(picture.results, standing, view.answers, side - 4)
         pane["results"].display, pane["recent"].display = results, not results
+        if results:
+            pane["results"].show(picture.results, standing, view.answers, side - 4)
         self._side.styles.width = side
         known = gauges is not None and now is not picture.GONE
         pane["left"].display = pane["gauges"].display = known
@@ -295,7 +296,8 @@ class Board(Vertical):
         pane["trace"].display = known and not results and gauges is not None and bool(gauges.trace_unit)
         if gauges is not None:
             pane["left"].show(Text, picture.time_left(gauges.left_s))
-            pane["strip"].show(picture.measures, standing, bool(gauges.trace_unit) and not view.at_will)
+            if pane["strip"].display:
+                pane["strip"].show(picture.measures, standing, bool(gauges.trace_unit) and not view.at_will)
             pane["trace"].show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)
             still = gauges.model_copy(update={"trace": (), "left_s": 0.0})
             pane["gauges"].show(picture.gauges, still, roomy, side - 4)
