@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from palpate.experiment.errors import RecordingError, Remedy
-from palpate.experiment.recordings.text.columns import Lines
+from palpate.experiment.recordings.text.shape import Lines
 from palpate.experiment.settings.delimited import Stated
 
 Floats = NDArray[np.float64]

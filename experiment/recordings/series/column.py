@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.recordings.text.columns import BESIDE, Lines
+from palpate.experiment.recordings.text.headings import BESIDE
+from palpate.experiment.recordings.text.shape import Lines
 from palpate.experiment.settings.delimited import Understood
 
 __all__ = ["BESIDE", "Column", "Kept", "Table"]

@@ -37,5 +37,5 @@ def test_no_rearrangement_of_the_same_data_is_read_as_something_else(tmp_path: P
 
 def test_a_planted_fault_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A reader that takes every comma for the sign of thousands reads something else."""
-    monkeypatch.setattr("palpate.experiment.recordings.text.columns.decimal_sign", lambda *_: ".")
+    monkeypatch.setattr("palpate.experiment.recordings.text.decimals.decimal_sign", lambda *_: ".")
     assert outcome(Layout(delimiter=";", decimal=","), tmp_path) == "wrong"
