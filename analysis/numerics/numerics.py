@@ -18,8 +18,9 @@ from palpate.analysis.numerics.force import Pushed
 from palpate.analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
 from palpate.analysis.numerics.played import Condition, Played
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra
-from palpate.experiment.synthesis.shaping import Response, shape
+from palpate.experiment.synthesis.shaping import Response
 from palpate.experiment.synthesis.signals.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
+from palpate.experiment.synthesis.signals.weighting import shape
 from palpate.experiment.synthesis.spectra import bin_frequencies_hz, grid, inverse, inverse_on
 from palpate.experiment.synthesis.stepping.steppers import EXACT, STEPPERS
 from palpate.experiment.synthesis.waveforms import transform_error

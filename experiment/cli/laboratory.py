@@ -91,12 +91,13 @@ def enrol(
     """
     from palpate.experiment.protocol import files
     from palpate.experiment.protocol.approval import sealing
-    from palpate.experiment.study import enrolment, privacy, roster
+    from palpate.experiment.study import privacy, roster
+    from palpate.experiment.study.people import enrolling
 
     sealing.refuse_unfilled(protocol_file, files.load(protocol_file))
     _check_roster(protocol_file, dataset, pilot=pilot)
     given = _ask_facts(protocol_file, fact or [], {})
-    path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
+    path = enrolling.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
     if group := roster.Roster.load(path).groups.get(participant):
         typer.echo(f"Their group: {group}.")
@@ -177,11 +178,11 @@ def facts(
 
 def _record_sharing(protocol_file: Path, participant: str, agreed: bool | None, dataset: Path | None) -> None:
     """Record whether a participant's data may be shared, where that is said."""
-    from palpate.experiment.study import enrolment
+    from palpate.experiment.study.people import enrolling
 
     if agreed is None:
         return
-    shared_on = enrolment.sharing(protocol_file, participant, agreed, root=dataset)
+    shared_on = enrolling.sharing(protocol_file, participant, agreed, root=dataset)
     typer.echo(f"Participant {participant} {'agrees' if agreed else 'does not agree'} that their data are shared.")
     if shared_on is not None and not agreed:
         typer.echo(f"Their data were shared on {shared_on}. What was given out then cannot be taken back.")

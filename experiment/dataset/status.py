@@ -22,6 +22,7 @@ from palpate.experiment.records.entries import Purpose
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.study import amendment, enrolment, privacy
 from palpate.experiment.study.lines import Incident
+from palpate.experiment.study.people import enrolling
 
 COLUMNS = 80
 """Width of the screen, characters."""
@@ -311,7 +312,7 @@ def status(given: Path, today: date) -> Status:
         sealed, wanted = _seal(root, protocol_file, dataset, people, today)
     keep_until = _keep_until(dataset, people)
     left = [label for label in dataset.tasks if known is not None and label not in known.consent_on]
-    if known is not None and not left and not doubts and enrolment.free_place(root, protocol, known):
+    if known is not None and not left and not doubts and enrolling.free_place(root, protocol, known):
         left = [known.next_label()]
     return Status(
         root=root,

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
+from palpate.experiment.apparatus.host import beside
 from palpate.experiment.apparatus.ports import Actuator, Tracker
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import MonotonicClock
@@ -353,7 +353,7 @@ def rehearse_at_once(
         queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()
         with ProcessPoolExecutor(jobs, mp_context=context, initializer=_share, initargs=(queue,)) as pool:
             try:
-                with host.held_back():
+                with beside.held_back():
                     futures: set[Future[None]] = {pool.submit(_rehearse_shared, job) for job in todo}
                 begun()
                 while futures:
@@ -398,7 +398,7 @@ def _share(queue: multiprocessing.SimpleQueue[None]) -> None:
     _queue = queue
     # The keyboard interrupts the parent alone; a worker ends with it, however that ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    host.end_with_parent()
+    beside.end_with_parent()
 
 
 def _rehearse_shared(job: Job) -> None:

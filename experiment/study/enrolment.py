@@ -1,4 +1,4 @@
-"""Participants: enrol them, and record their consent.
+"""What the first enrolment settles for a study, and the consent of its participants; `people.enrolling` enrols them.
 
 The first enrolment begins the dataset, with one protocol and one seed. The seed decides who does what, so it is drawn
 only then, into a file that only its owner reads. Its hash, salted with 128 bits because a seed has only 31, stands in
@@ -23,74 +23,17 @@ from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose, Record
-from palpate.experiment.records.progress import progress
 from palpate.experiment.study import approvals, people
 from palpate.experiment.study.approvals import Approved
 from palpate.experiment.study.roster import Roster, check_consent
-from palpate.experiment.study.schedule import allocated, find_allocation, labels, stranger
+from palpate.experiment.study.schedule import labels
 
 LOCK = ".study.lock"
-
-
-def free_place(root: Path, protocol: Protocol, roster: Roster) -> str | None:
-    """Return who withdrew first, by label, before completing, with a place that nobody took; None if nobody did."""
-    for one in allocated(protocol, 0, roster.takes):
-        if one.participant in roster.withdrawn and one.participant not in roster.takes.values():
-            paths = roster.journals_of(root, one.participant, one.tasks).values()
-            begun = [entries for path in paths if (entries := journal.read_if_begun(path).entries)]
-            if sum(progress(entries).complete for entries in begun) < len(one.tasks):
-                return one.participant
-    return None
 
 
 def default_root(protocol: Protocol, *, pilot: bool = False) -> Path:
     """Return where the dataset of a study, or of its pilot, stands unless another folder is named."""
     return Path("participants") / f"{protocol.study.id}{'-pilot' if pilot else ''}"
-
-
-def enrol(
-    protocol_file: Path,
-    participant: str,
-    consent_on: date | None,
-    *,
-    root: Path | None,
-    seed: int | None,
-    pilot: bool = False,
-) -> Path:
-    """Enrol the next participant, and return the roster's file; the first enrolment begins the dataset and sets its
-    seed.
-
-    Beyond the planned number a participant replaces one who withdrew early. `root` None is `participants/STUDY`, or
-    `STUDY-pilot` with `pilot`; `seed` None is the set seed or a new one. Raises `RosterError` for a label that is not
-    the next or a day without possible consent, `ProtocolError` if the protocol changed since its seal, and
-    `DatasetError` if the folder belongs to something else.
-    """
-    protocol = files.load(protocol_file)
-    purpose: Purpose | None = "PILOT" if pilot else "STUDY" if root is None else None
-    root = root or default_root(protocol, pilot=pilot)
-    refuse_rehearsal(root)
-    if approval.seal_path(protocol_file).exists():
-        approval.dataset_seal(protocol_file, protocol)
-    check_known(root, protocol_file, protocol)
-    check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
-    path = storage.roster_path(root)
-    known = Roster.continued(path)
-    takes = None if participant in labels(protocol) else free_place(root, protocol, known)
-    if participant not in labels(protocol) and takes is None:
-        raise stranger(participant, labels(protocol))
-    if not path.exists() and any((root / "sourcedata").glob("sub-*")):
-        raise DatasetError(root, "has participants and no roster", f"restore {path} and its head from a backup")
-    known.check_next(participant)
-    check_current(root, protocol, known, ("palpate", "enrol", "--participant", participant))
-    with settling(root, protocol_file, protocol, seed, purpose):
-        approvals.keep_first(root, protocol_file)
-        begun = _read_settled(root)
-        all_approvals = known.approvals(approvals.read_first(root))
-        number = all_approvals.version_on(consent_on) if consent_on else 1
-        places = known.takes | ({participant: takes} if takes else {})
-        drawn = find_allocation(allocated(protocol, begun.seed, places), participant)
-        known.enrol(participant, consent_on, takes, begun.salt and begun.sha256, number, drawn.group)
-    return path
 
 
 def seed_of(root: Path) -> int:
@@ -99,7 +42,7 @@ def seed_of(root: Path) -> int:
     Raises `DatasetError` if it is missing, broken or not the one hashed in the roster; `RosterError` for a broken
     roster.
     """
-    settled, known = _read_settled(root), Roster.load(storage.roster_path(root))
+    settled, known = read_settled(root), Roster.load(storage.roster_path(root))
     if settled.salt and known.consent_on and known.seed_sha256 is None:
         what = "lacks the seed's hash in the line of the first participant: it was cut or changed"
         raise DatasetError(known.path, what, "restore it from a backup")
@@ -116,12 +59,12 @@ def seed_of(root: Path) -> int:
 
 def seed_is_proven(root: Path) -> bool:
     """Return whether a seed that `seed_of` returns is shown by its hash: it has its salt, and the roster the hash."""
-    return _read_settled(root).salt is not None and Roster.load(storage.roster_path(root)).seed_sha256 is not None
+    return read_settled(root).salt is not None and Roster.load(storage.roster_path(root)).seed_sha256 is not None
 
 
 def purpose_of(root: Path) -> Purpose:
     """Return what the sessions of this dataset are for: STUDY or PILOT. Raises `DatasetError` as `seed_of`."""
-    return _read_settled(root).purpose
+    return read_settled(root).purpose
 
 
 class Settled(Record):
@@ -138,7 +81,8 @@ class Settled(Record):
         return hashlib.sha256(f"{self.salt}:{self.seed}".encode()).hexdigest()
 
 
-def _read_settled(root: Path) -> Settled:
+def read_settled(root: Path) -> Settled:
+    """Return what the dataset settled as it began. Raises `DatasetError` if it cannot be read."""
     file = storage.seed_path(root)
     storage.refuse_other_format(root)
     try:
@@ -171,18 +115,6 @@ def check_version(root: Path, protocol: Protocol, wanted: Approved, command: tup
             Remedy("use the version that it covers: {}", (program, name, right, *given, "--dataset", str(root))),
             allowed=f"version {wanted.protocol_sha256[:12]}",
         )
-
-
-def check_current(root: Path, protocol: Protocol, known: Roster, command: tuple[str, ...]) -> None:
-    """Refuse to enrol under a superseded version, or while the approval is suspended or ended."""
-    if not known.approved and not known.stopped:
-        return
-    today = known.known_day(day(wall_ns()))
-    all_approvals = known.approvals(approvals.read_first(root))
-    if (stop := all_approvals.stop(today)) is not None:
-        raise approvals.stopped_error(stop)
-    if known.approved:
-        check_version(root, protocol, all_approvals.approved[all_approvals.version_on(today) - 1], command)
 
 
 def consent(
@@ -234,23 +166,6 @@ def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | 
         if not agreed and kept.exists():
             storage.remove(kept)
     return path
-
-
-def sharing(protocol_file: Path, participant: str, agreed: bool, *, root: Path | None) -> date | None:
-    """Record whether a participant's data may be shared; return the day on which they last were, None if never.
-
-    Raises `RosterError` if the protocol shares none, or the participant is not active, and `DatasetError` for a version
-    that is not on record.
-    """
-    protocol = files.load(protocol_file)
-    if protocol.sharing is None:
-        raise RosterError(protocol_file, "has no table [sharing]", "this study shares no data, and asks nobody")
-    root = study_begun(protocol_file, root)
-    check_on_record(root, protocol_file, protocol)
-    known = Roster.continued(storage.roster_path(root))
-    known.check_enrolled(participant)
-    known.agree_to_sharing(participant, agreed, protocol, day(wall_ns()))
-    return known.shared.get(participant)
 
 
 def check_reason(protocol_file: Path, root: Path, reason: str) -> None:

@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 from math import inf, isfinite
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.spectra import Bins, bin_frequencies_hz, finite, grid, highest, inverse_on
@@ -156,30 +156,6 @@ class Shaped:
     def peak_m_s2(self) -> float:
         """No sample of the acceleration is larger in magnitude, at whatever rate: `highest` of `reached_m_s2`."""
         return highest(self.reached_m_s2)
-
-
-def shape(
-    coefficients: ArrayLike,
-    *,
-    frequencies_hz: ArrayLike,
-    response: Response,
-    gain_limit_v_per_m_s2: float,
-    scale: float = 1.0,
-) -> Shaped:
-    """Return each bin of a spectrum weighted by W(f, a), the inverse of the rig's measured response.
-
-    Bin 0 is omitted, as by (5) and (7). `coefficients` are C_k with its sign, m/s^2, at `frequencies_hz`, both (N,). No
-    bin takes more than `gain_limit_v_per_m_s2`, above zero, for each m/s^2. Voltages are for the spectrum times
-    `scale`, above 0, at most 1; losses are of `coefficients`. Raises `SynthesisError` for values that are not finite or
-    shapes, limits or scales that do not fit. Source: Okamoto et al., section 4, 'Frequency shaping', and equation (7).
-    """
-    signed, f = finite(coefficients, what="coefficients"), finite(frequencies_hz, what="frequencies_hz")
-    if signed.ndim != 1 or signed.shape != f.shape:
-        raise SynthesisError(
-            f"coefficients: got shape {signed.shape} for frequencies of shape {f.shape}; allowed: one spectrum, shape "
-            "(N,) both; pass the frequency of each bin"
-        )
-    return shape_at(signed, at_bins(response, f), gain_limit_v_per_m_s2=gain_limit_v_per_m_s2, scale=scale)
 
 
 def shape_at(

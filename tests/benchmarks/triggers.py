@@ -26,6 +26,7 @@ import numpy as np
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.host import beside
 from palpate.experiment.apparatus.ports import Actuator
 from palpate.experiment.apparatus.wires.triggers import open_triggers
 from palpate.experiment.clock import MonotonicClock
@@ -113,7 +114,7 @@ def busy() -> Iterator[None]:
 
 
 def _turn() -> None:
-    host.be_ordinary()
+    beside.be_ordinary()
     while True:
         pass
 

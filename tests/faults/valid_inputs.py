@@ -14,7 +14,7 @@ from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
 from palpate.experiment.rehearsal.kinds.footstep import recorded_takes
-from palpate.experiment.study import enrolment
+from palpate.experiment.study.people import enrolling
 from tests.analysis.datasets import balanced, write_dataset
 
 PRINTED = """study = "madeup"
@@ -120,7 +120,7 @@ def make_bench(folder: Path) -> Path:
         participants=1,
         seed=1,
     )
-    enrolment.enrol(protocol_file, "01", date(2020, 5, 4), root=folder / "study", seed=5)
+    enrolling.enrol(protocol_file, "01", date(2020, 5, 4), root=folder / "study", seed=5)
     write_dataset(folder / "tables", {"01": {"virtual": balanced(1)}}, tasks=("virtual",))
     (folder / "counts.csv").write_text("participant,presented,answered,count\n1,a,a,3\n1,b,a,2\n2,a,b,1\n", "utf-8")
     (folder / "trials.csv").write_text("who,shown,said\n1,a,a\n1,b,a\n2,a,b\n2,b,b\n", "utf-8")

@@ -13,7 +13,8 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.protocol import approval
 from palpate.experiment.records import chain, journal
-from palpate.experiment.study import enrolment, withdrawal
+from palpate.experiment.study import withdrawal
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 
@@ -233,7 +234,7 @@ def _erased_but_for_the_roster(study: MadeStudy, folder: Path) -> None:
 def _erased_everywhere(study: MadeStudy, folder: Path) -> None:
     """A participant whom nothing knows but the dataset's log of anchors."""
     shutil.copytree(study.root, folder / "before")
-    enrolment.enrol(study.file, "04", DAY, root=study.root, seed=None)
+    enrolling.enrol(study.file, "04", DAY, root=study.root, seed=None)
     study.run(study.header("04", study.tasks[3].tasks[0]))
     checks.keep_anchor(study.root)
     log = (study.root / register.LOG).read_bytes()

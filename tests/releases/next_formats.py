@@ -19,7 +19,7 @@ import palpate
 from palpate.analysis.analyse import analyse
 from palpate.experiment.dataset import build, verify
 from palpate.experiment.rehearsal import study as rehearsal
-from palpate.experiment.study import enrolment
+from palpate.experiment.study.people import enrolling
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.experiment.protocol.asking import PEOPLE, SHARING, asking
 
@@ -171,7 +171,7 @@ EDITS = (
     ),
     Edit(_ENROLMENT, "self.salt", "self.seed_salt"),
     Edit(_ENROLMENT, "settled.salt", "settled.seed_salt"),
-    Edit(_ENROLMENT, "begun.salt", "begun.seed_salt"),
+    Edit("experiment/study/people/enrolling.py", "begun.salt", "begun.seed_salt"),
     Edit(_ENROLMENT, "(root).salt", "(root).seed_salt"),
     Edit(_ENROLMENT, '{"salt"', '{"seed_salt"'),
     Edit(_NAMES, "settled.get('salt')", "settled.get('seed_salt', settled.get('salt'))"),
@@ -222,7 +222,7 @@ def numbers(root: Path, out: Path) -> dict[str, Any]:
 def make(folder: Path) -> MadeStudy:
     """Make a study in which one participant of two did their first task, and agreed to sharing."""
     study = make_study(folder, further=asking(SHARING, PEOPLE), sessions=1)
-    enrolment.sharing(study.file, "01", True, root=study.root)
+    enrolling.sharing(study.file, "01", True, root=study.root)
     return study
 
 
@@ -230,7 +230,7 @@ def go_on(folder: Path) -> None:
     """Run the other's first task in the study of a folder, who agrees to sharing too."""
     study = MadeStudy(folder / "study.toml", folder / "dataset")
     study.run(study.header("02", study.tasks[1].tasks[0]))
-    enrolment.sharing(study.file, "02", True, root=study.root)
+    enrolling.sharing(study.file, "02", True, root=study.root)
 
 
 def rehearse(file: Path, rig: Path, out: Path) -> None:

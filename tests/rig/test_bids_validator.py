@@ -17,8 +17,7 @@ from palpate.experiment.dataset import build, traces
 from palpate.experiment.dataset.outside import sharing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study as rehearsal
-from palpate.experiment.study import enrolment
-from palpate.experiment.study.people import facts
+from palpate.experiment.study.people import enrolling, facts
 from tests.analysis.datasets import balanced, trial, write_dataset
 from tests.experiment.dataset.studies import make_study
 from tests.experiment.protocol.asking import FORMS, PEOPLE, SHARING, asking
@@ -130,7 +129,7 @@ def test_a_study_and_its_shared_copy_leave_no_warning_once_a_laboratory_filled_i
     facts.record(study.file, "01", {"age": "34", "sex": "female", "sport": "swimming"}, root=study.root)
     build.build(study.root)
     for participant in ("01", "02"):
-        enrolment.sharing(study.file, participant, True, root=study.root)
+        enrolling.sharing(study.file, participant, True, root=study.root)
     _check_with_its_copy(validator, study.root, tmp_path)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.host import beside
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.servo import process, rendering
 from palpate.experiment.apparatus.servo.device import ForceDevice
@@ -103,7 +104,7 @@ class ServoProcess:
         self._touches: list[Touch] = []
         self._heard_ns: int | None = None
         self.counts: dict[str, int] = {}
-        with theirs, tempfile.TemporaryFile(dir=host.IN_MEMORY) as pulse, host.elsewhere(), host.held_back():
+        with theirs, tempfile.TemporaryFile(dir=host.IN_MEMORY) as pulse, host.elsewhere(), beside.held_back():
             # Room that is there: a write to memory that is full would end the process.
             os.write(pulse.fileno(), bytes(8))
             self._pulse = process.pulse(pulse.fileno())

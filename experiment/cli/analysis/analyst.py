@@ -72,9 +72,9 @@ def _wait(ours: Connection, theirs: Connection, analysed: Callable[[Path], objec
     """Analyse the dataset that is asked for, and send what was found; send nothing of what fails."""
     ours.close()
     with suppress(Exception, KeyboardInterrupt):
-        from palpate.experiment.apparatus import host
+        from palpate.experiment.apparatus.host import beside
 
-        host.end_with_parent()
+        beside.end_with_parent()
         for module in MEANWHILE:
             import_module(module)
         # Little of what modules hold ever becomes garbage.

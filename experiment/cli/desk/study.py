@@ -23,6 +23,7 @@ from palpate.experiment.rehearsal.study import PRACTICE_SEED, practice_folder
 from palpate.experiment.session import run
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.study import enrolment
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import allocate
 
@@ -142,7 +143,7 @@ class Study:
     def check_current(self) -> None:
         """Raise as `palpate enrol` does of another version, or while the study is suspended or ended."""
         enrolment.check_known(self.root, self.file, self.protocol)
-        enrolment.check_current(self.root, self.protocol, self.roster, ("palpate", "enrol"))
+        enrolling.check_current(self.root, self.protocol, self.roster, ("palpate", "enrol"))
 
     def left_to_practise(self) -> tuple[str, str]:
         """Return whose practice comes next, and of which task; the last of all once nothing is left."""

@@ -27,6 +27,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.audio.microphone import AudioMicrophone, Microphone, Recorded, objection
 from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.host import beside
 from palpate.experiment.apparatus.opening import audio_of
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock
@@ -78,7 +79,7 @@ def computing() -> Iterator[Executor]:
     """Give a process that computes what was heard, on a core and at a priority that takes nothing from the session."""
     context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
     with storage.safe_path(), ProcessPoolExecutor(1, mp_context=context, initializer=_settle) as pool:
-        with host.elsewhere(), host.held_back():
+        with host.elsewhere(), beside.held_back():
             # It loads what it needs now, and not when the first answer is given.
             pool.submit(_ready)
         workers = [one for one in multiprocessing.active_children() if one not in others]
@@ -93,8 +94,8 @@ def computing() -> Iterator[Executor]:
 
 def _settle() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    host.be_ordinary()
-    host.end_with_parent()
+    beside.be_ordinary()
+    beside.end_with_parent()
 
 
 def _ready() -> None:

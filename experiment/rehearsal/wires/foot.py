@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.host import beside
 from palpate.experiment.apparatus.tracker import frame_runs
 from palpate.experiment.apparatus.tracker.frames import encode
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
@@ -347,7 +348,7 @@ class Foot:
 
     def _run(self, real_time: bool) -> None:
         if real_time:
-            host.raise_above_sessions()
+            beside.raise_above_sessions()
         try:
             while not self._off:
                 if real_time:

@@ -18,6 +18,7 @@ from typing import BinaryIO, Self
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.host import beside
 from palpate.experiment.apparatus.servo.serving import hold
 
 BEGINS_S = 10.0
@@ -32,7 +33,7 @@ class ForceDeviceProcess:
     def __init__(self, record: Path | None = None) -> None:
         """Start it; `record` is where it keeps what it pushed."""
         told = storage.python_command("-m", __name__, *([str(record)] if record is not None else []))
-        with host.held_back():
+        with beside.held_back():
             self._process = subprocess.Popen(told, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)  # noqa: S603
         port = int((self._process.stdout or sys.stdin.buffer).readline())
         self._owner = socket.create_connection(("127.0.0.1", port))
@@ -71,7 +72,7 @@ def main() -> None:
     """Be the process, which Ctrl-C at its terminal does not end: whoever started it does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with host.raised(), host.undisturbed(), socket.create_server(("127.0.0.1", 0)) as server:
-        host.raise_above_sessions()
+        beside.raise_above_sessions()
         sys.stdout.write(f"{server.getsockname()[1]}\n")
         sys.stdout.flush()
         record = Path(sys.argv[1]).open("wb", buffering=0) if len(sys.argv) > 1 else None  # noqa: SIM115

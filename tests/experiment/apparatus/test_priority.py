@@ -15,6 +15,7 @@ from syrupy.assertion import SnapshotAssertion
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.host import beside
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")
 
@@ -246,7 +247,7 @@ def test_a_simulated_device_waits_for_no_session(
     monkeypatch: pytest.MonkeyPatch, *, real_time: bool, levels: list[int]
 ) -> None:
     asked: list[int] = []
-    monkeypatch.setattr(host, "is_real_time", lambda: real_time)
+    monkeypatch.setattr(beside, "is_real_time", lambda: real_time)
     monkeypatch.setattr(os, "sched_setscheduler", lambda _who, _how, given: asked.append(given.sched_priority))
-    host.raise_above_sessions()
+    beside.raise_above_sessions()
     assert asked == levels

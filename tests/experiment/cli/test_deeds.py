@@ -27,6 +27,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.kinds.footstep import participant
 from palpate.experiment.study import enrolment, roster
+from palpate.experiment.study.people import enrolling
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 from tests.rig.laboratory import HURRIED, write_rig
@@ -138,17 +139,17 @@ def test_a_study_goes_from_its_seal_to_its_first_session(folder: Path, small: Pa
 
 def test_who_has_not_consented_is_asked_for(small: Path) -> None:
     seal(small)
-    enrolment.enrol(small, "01", None, root=None, seed=1)
+    enrolling.enrol(small, "01", None, root=None, seed=1)
     deed = deeds.scene(Place.here()).deed("consent")
     assert [one.text for one in deed.fields] == ["01", str(TODAY)]
 
 
 def test_a_dataset_follows_its_protocol_until_somebody_consents(small: Path) -> None:
-    enrolment.enrol(small, "01", None, root=None, seed=1)
+    enrolling.enrol(small, "01", None, root=None, seed=1)
     root = Path("participants/small")
     small.write_text(small.read_text("utf-8").replace("A small study", "A smaller study"), "utf-8")
     seal(small)
-    enrolment.enrol(small, "02", TODAY, root=None, seed=1)
+    enrolling.enrol(small, "02", TODAY, root=None, seed=1)
     assert files.load(storage.protocol_path(root)).study.title == "A smaller study"
     assert approval.read(storage.protocol_path(root)).protocol_sha256 == approval.sha256(files.load(small))
     assert [*roster.Roster.load(storage.roster_path(root)).consent_on] == ["01", "02"]
@@ -167,7 +168,7 @@ def test_what_only_looks_or_is_refused_writes_nothing(folder: Path, small: Path,
     small.write_text(text.replace("required = true", "required = false"), "utf-8")
     seal(small)
     rig = write_rig(folder, "rehearsal", port='"/dev/none"', address='"127.0.0.1:7402"')
-    enrolment.enrol(small, "01", None, root=None, seed=1)
+    enrolling.enrol(small, "01", None, root=None, seed=1)
     root = Path("participants/small")
     before = everything(root)
     draft = Path("draft.toml")
@@ -222,7 +223,7 @@ def test_what_the_board_decides_and_is_told_goes_on_record(
 ) -> None:
     seal(small)
     assert not {"amend", "suspend", "incident", "facts"} & possible(deeds.scene(Place.here()))
-    enrolment.enrol(small, "01", TODAY, root=None, seed=1)
+    enrolling.enrol(small, "01", TODAY, root=None, seed=1)
     scene = deeds.scene(Place.here())
     # The seal is that of the dataset, so that there is nothing to amend.
     assert scene.deed("amend").refuses
@@ -253,7 +254,7 @@ def test_a_protocol_that_asks_has_its_facts_recorded(small: Path, palpate: Palpa
     text = re.sub(r"(?m)^format = \d+", "format = 7", small.read_text("utf-8"))
     small.write_text(f'{text}\n{asked}reason = "Skin ages."\n', "utf-8")
     seal(small)
-    enrolment.enrol(small, "01", TODAY, root=None, seed=1)
+    enrolling.enrol(small, "01", TODAY, root=None, seed=1)
     _, *facts = deeds.scene(Place.here()).deed("facts").line(("01", "age=34"))
     assert palpate(*facts)[0] == 0
 

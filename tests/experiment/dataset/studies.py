@@ -25,6 +25,7 @@ from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.study import approvals, enrolment, roster
 from palpate.experiment.study.admission import Admission
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.schedule import Allocation, allocated, find_allocation
 from tests.experiment.session.bench import Bench
 from tests.experiment.session.scripted import (
@@ -130,7 +131,7 @@ def make_study(
         expires_on=date(2099, 1, 1),
     )
     for place in range(enrolled):
-        enrolment.enrol(file, f"{place + 1:02d}", DAY, root=made.root, seed=seed, pilot=pilot)
+        enrolling.enrol(file, f"{place + 1:02d}", DAY, root=made.root, seed=seed, pilot=pilot)
     kept = approval.seal_path(storage.protocol_path(made.root))
     storage.write_bytes(kept, approval.seal_path(file).read_bytes())
     for one in made.tasks[:sessions]:

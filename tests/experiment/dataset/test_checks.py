@@ -21,6 +21,7 @@ from palpate.experiment.records.entries import Withdrawal
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.study import enrolment, roster, withdrawal
+from palpate.experiment.study.people import enrolling
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.experiment.records.test_journal import chained
@@ -386,20 +387,20 @@ def test_a_pilot_is_no_data_of_the_study_and_says_so_everywhere(tmp_path: Path) 
     tables += [pilot.root / name for name in ("participants.tsv", "dataset_description.json", "README")]
     assert len(tables) > 5
     assert all("PILOT" in path.read_text("utf-8") for path in tables), tables
-    enrolment.enrol(pilot.file, "03", DAY, root=pilot.root, seed=None)
-    enrolment.enrol(pilot.file, "04", DAY, root=pilot.root, seed=None, pilot=True)
+    enrolling.enrol(pilot.file, "03", DAY, root=pilot.root, seed=None)
+    enrolling.enrol(pilot.file, "04", DAY, root=pilot.root, seed=None, pilot=True)
     assert enrolment.purpose_of(pilot.root) == "PILOT"
     study = make_study(tmp_path / "study", sessions=0)
     with pytest.raises(DatasetError, match="was begun as a STUDY, not as a PILOT; name another"):
-        enrolment.enrol(study.file, "03", DAY, root=study.root, seed=None, pilot=True)
+        enrolling.enrol(study.file, "03", DAY, root=study.root, seed=None, pilot=True)
     assert list(roster.Roster.load(storage.roster_path(study.root)).consent_on) == ["01", "02"]
 
 
 def test_a_pilot_stands_beside_its_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     study = make_study(tmp_path / "made", enrolled=1, sessions=0)
-    paths = [enrolment.enrol(study.file, "01", DAY, root=None, seed=1, pilot=pilot) for pilot in (False, True)]
+    paths = [enrolling.enrol(study.file, "01", DAY, root=None, seed=1, pilot=pilot) for pilot in (False, True)]
     assert [path.parents[1].name for path in paths] == ["okamoto2012", "okamoto2012-pilot"]
     shutil.copytree(paths[1].parents[1], paths[0].parents[1], dirs_exist_ok=True)
     with pytest.raises(DatasetError, match="as a PILOT, not as a STUDY"):
-        enrolment.enrol(study.file, "02", DAY, root=None, seed=None)
+        enrolling.enrol(study.file, "02", DAY, root=None, seed=None)

@@ -24,7 +24,8 @@ from palpate.experiment.errors import DatasetError, Remedy
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import chain
-from palpate.experiment.study import enrolment, privacy, withdrawal
+from palpate.experiment.study import privacy, withdrawal
+from palpate.experiment.study.people import enrolling
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import copied
@@ -34,7 +35,7 @@ from tests.faults.wrong import copied
 def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
     """01 is done, 02 between tasks, 03 withdrew after one, 04 paused, 05 is erased, 06 and 07 are to begin."""
     study = make_study(tmp_path_factory.mktemp("made") / "study", enrolled=6, sessions=3, min_s=0)
-    enrolment.enrol(study.file, "07", None, root=study.root, seed=None)
+    enrolling.enrol(study.file, "07", None, root=study.root, seed=None)
     first, paused, erased = study.tasks[0], study.tasks[3], study.tasks[4]
     study.run(study.header(first.participant, first.tasks[1]))
     study.run(study.header(paused.participant, paused.tasks[0]), "caq")

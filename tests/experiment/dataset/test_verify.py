@@ -20,7 +20,7 @@ from palpate.experiment.dataset.verify import FOREIGN, MISTYPED, Report, verify
 from palpate.experiment.errors import DatasetError, OtherFormat, Remedy
 from palpate.experiment.protocol import approval
 from palpate.experiment.records import chain
-from palpate.experiment.study import enrolment
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -337,7 +337,7 @@ def test_tables_that_are_older_than_their_journals_are_made_again_by_a_command(s
     study.run(asked, "cq")
     build.build(study.root)
     study.run(asked, "aptc")
-    enrolment.enrol(study.file, "03", DAY, root=study.root, seed=None)
+    enrolling.enrol(study.file, "03", DAY, root=study.root, seed=None)
     study.run(study.header("03", study.tasks[2].tasks[0]))
     report = verify(study.root)
     found = [one for one in report.findings if one.verdict == "refuses"]
@@ -560,7 +560,7 @@ def test_what_could_be_read_is_told_beside_what_is_refused(study: MadeStudy) -> 
 
 def test_a_roster_that_is_refused_shows_nothing_of_the_seed(study: MadeStudy, made: MadeStudy) -> None:
     """An older one, with its head, under which every session began."""
-    enrolment.enrol(study.file, "03", date(2001, 9, 9), root=study.root, seed=None)
+    enrolling.enrol(study.file, "03", date(2001, 9, 9), root=study.root, seed=None)
     checks.keep_anchor(study.root)
     for path in (storage.roster_path(made.root), chain.head_path(storage.roster_path(made.root))):
         shutil.copy(path, study.root / "sourcedata")
@@ -639,7 +639,7 @@ def test_who_is_enrolled_and_has_no_session_is_told(study: MadeStudy, palpate: P
 
     why = "is here: none has begun, or they were deleted with the log of anchors"
     assert (verify(study.root).refused, told()) == (0, [f"no session of participant 02 {why}"])
-    enrolment.enrol(study.file, "03", None, root=study.root, seed=None)
+    enrolling.enrol(study.file, "03", None, root=study.root, seed=None)
     assert told() == [f"no session of participants 02, 03 {why}"]
     for who in ("02", "03"):
         Roster.load(storage.roster_path(study.root)).withdraw(who, "asked to stop")

@@ -28,7 +28,8 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Answer, Footer, Phase, Questioned
 from palpate.experiment.rehearsal.clock import ManualClock
-from palpate.experiment.study import enrolment, withdrawal
+from palpate.experiment.study import withdrawal
+from palpate.experiment.study.people import enrolling
 from tests.experiment.dataset.outside.test_sharing import licensed
 from tests.experiment.dataset.studies import MadeStudy, framed, make_study
 from tests.experiment.protocol.asking import FORMS, SHARING, TOUCH, asking
@@ -162,7 +163,7 @@ def test_a_copy_for_others_has_the_tables_without_texts(study: MadeStudy, tmp_pa
     build.build(study.root)
     licensed(study)
     for label in ("01", "03"):
-        enrolment.sharing(study.file, label, True, root=study.root)
+        enrolling.sharing(study.file, label, True, root=study.root)
     out = sharing.share(study.root, tmp_path / "copy").root
     rows = checks.table_rows(out / "phenotype" / "afterwards.tsv")[:-1]
     assert sorted(row.pop("minutes") for row in rows) == ["10", "11"]
@@ -176,7 +177,7 @@ def test_an_agreement_is_to_the_items_and_what_is_no_answer_to_one_today_is_not_
     study: MadeStudy, tmp_path: Path
 ) -> None:
     run(study, ["3", "shoes", "10", "bog snorkelling"])
-    enrolment.sharing(study.file, "01", True, root=study.root)
+    enrolling.sharing(study.file, "01", True, root=study.root)
     dataset = checks.load_sound(study.root)
     text = study.file.read_text("utf-8").replace("most = 7", "most = 2")
     text = text.replace('question = "What was it like?"\nanswer = "text"', 'question = "?"\nanswer = "number"')
@@ -241,7 +242,7 @@ def test_methods_say_what_the_skin_touched_each_number_with_its_row(touching: Ma
 def test_a_copy_for_others_has_what_the_skin_touched_without_texts(touching: MadeStudy, tmp_path: Path) -> None:
     licensed(touching)
     for label in ("01", "02"):
-        enrolment.sharing(touching.file, label, True, root=touching.root)
+        enrolling.sharing(touching.file, label, True, root=touching.root)
     build.build(touching.root)
     out = sharing.share(touching.root, tmp_path / "copy").root
     sidecars = [json.loads(path.read_text("utf-8")) for path in out.glob("sub-*/beh/*_events.json")]

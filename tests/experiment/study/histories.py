@@ -38,7 +38,7 @@ from palpate.experiment.settings import load
 from palpate.experiment.settings.load import read
 from palpate.experiment.study import amendment, approvals, enrolment, withdrawal
 from palpate.experiment.study.admission import Admission, admit
-from palpate.experiment.study.people import incidents
+from palpate.experiment.study.people import enrolling, incidents
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import Allocation, allocated, find_allocation
 
@@ -220,7 +220,7 @@ class World:
         )
         runs = self.model.state(self.day) == "runs"
         try:
-            enrolment.enrol(file, who, self.day if signed else None, root=self.root, seed=7)
+            enrolling.enrol(file, who, self.day if signed else None, root=self.root, seed=7)
         except RosterError:
             assert not runs
             return

@@ -24,6 +24,7 @@ from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.study import amendment, approvals, enrolment, roster
 from palpate.experiment.study.admission import admit
 from palpate.experiment.study.approvals import Approvals, Approved, InProgress, Stopped
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.experiment.session.scripted import START_NS
@@ -274,7 +275,7 @@ def test_a_session_that_went_on_without_an_approval_is_told(tmp_path: Path, monk
 def test_nobody_is_enrolled_under_a_suspension(study: MadeStudy) -> None:
     amendment.stop(study.file, "suspended", date.today(), "letter", root=study.root)
     with pytest.raises(RosterError, match="suspended"):
-        enrolment.enrol(study.file, "03", date.today(), root=study.root, seed=None)
+        enrolling.enrol(study.file, "03", date.today(), root=study.root, seed=None)
     assert "03" not in Roster.load(storage.roster_path(study.root)).consent_on
 
 
@@ -361,6 +362,6 @@ def test_a_superseded_version_is_renewed_for_those_it_covers(study: MadeStudy) -
     admission = admit(study.root, study.file, study.protocol, own, own.tasks[1], "rig.toml", today)
     assert admission.approved.number == 3
     with pytest.raises(DatasetError, match="approval 2"):
-        enrolment.enrol(study.file, "03", today, root=study.root, seed=None)
-    enrolment.enrol(storage.protocol_path(study.root, 2), "03", today, root=study.root, seed=None)
+        enrolling.enrol(study.file, "03", today, root=study.root, seed=None)
+    enrolling.enrol(storage.protocol_path(study.root, 2), "03", today, root=study.root, seed=None)
     assert Roster.load(storage.roster_path(study.root)).consented["03"] == 2

@@ -23,7 +23,7 @@ from palpate.experiment.errors import DatasetError, PalpateError, Remedy, Roster
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.asked import Fact
 from palpate.experiment.study import enrolment, privacy, withdrawal
-from palpate.experiment.study.people import facts
+from palpate.experiment.study.people import enrolling, facts
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses
 from tests.conftest import Palpate
@@ -202,7 +202,7 @@ def test_answers_are_to_a_version_on_record_and_unknown_ones_are_left_out_of_the
 def test_a_protocol_is_settled_once_a_fact_is_on_record(tmp_path: Path) -> None:
     study = make_study(tmp_path / "study", enrolled=1, sessions=0, further=asking(SHARING, PEOPLE))
     other = tmp_path / "other"
-    enrolment.enrol(study.file, "01", None, root=other, seed=1)
+    enrolling.enrol(study.file, "01", None, root=other, seed=1)
     facts.record(study.file, "01", GIVEN, root=other)
     study.file.write_text(study.file.read_text("utf-8").replace('id = "sport"', 'id = "sports"'), "utf-8")
     approval.seal_path(study.file).unlink()
@@ -286,7 +286,7 @@ def test_an_agreement_is_to_the_groups_and_what_is_no_answer_today_is_not_shared
 ) -> None:
     licensed(study)
     for label in ("01", "02"):
-        enrolment.sharing(study.file, label, True, root=study.root)
+        enrolling.sharing(study.file, label, True, root=study.root)
     dataset = checks.load_sound(study.root)
     single = study.file.read_text("utf-8").replace("group = 10", "group = 1")
     (tmp_path / "single.toml").write_text(single, "utf-8")
@@ -354,7 +354,7 @@ def test_what_is_not_allowed_is_refused(study: MadeStudy, given: dict[str, str],
 def test_a_copy_for_others_has_ages_in_groups_and_no_text(study: MadeStudy, tmp_path: Path) -> None:
     licensed(study)
     for label in ("01", "02"):
-        enrolment.sharing(study.file, label, True, root=study.root)
+        enrolling.sharing(study.file, label, True, root=study.root)
     out = sharing.share(study.root, tmp_path / "copy").root
     shown = sorted((row["age_group"], row["sex"]) for row in rows(out))
     assert shown == [("30 to below 40", "female"), ("60 to below 70", "n/a")]
@@ -372,7 +372,7 @@ def test_who_is_alike_is_counted_with_what_is_shared_of_them(tmp_path: Path, ref
     assert {first.count(task) for task in first} == {2}
     for one in study.tasks[:4]:
         facts.record(study.file, one.participant, {"age": "34" if one.tasks[0] == first[0] else "64"}, root=study.root)
-        enrolment.sharing(study.file, one.participant, True, root=study.root)
+        enrolling.sharing(study.file, one.participant, True, root=study.root)
     build.build(study.root)
     assert sharing.share(study.root, tmp_path / "copy").smallest_group == 2
     facts.record(study.file, "01", {"age": "44"}, root=study.root)

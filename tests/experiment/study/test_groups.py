@@ -21,6 +21,7 @@ from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.settings import load
 from palpate.experiment.study import amendment, enrolment, withdrawal
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import allocate, allocated
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -83,7 +84,7 @@ def test_the_group_stands_on_the_line_of_the_roster_and_whoever_replaces_somebod
     seed = enrolment.seed_of(study.root)
     withdrawal.withdraw(study.file, "03", "asked to stop", root=study.root, rebuild=build.build)
     for place in range(5, 17):
-        enrolment.enrol(study.file, f"{place:02d}", DAY, root=study.root, seed=None)
+        enrolling.enrol(study.file, f"{place:02d}", DAY, root=study.root, seed=None)
     roster = Roster.load(storage.roster_path(study.root))
     assert roster.takes == {"16": "03"}
     assert roster.groups["16"] == roster.groups["03"]

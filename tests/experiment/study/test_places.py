@@ -11,7 +11,8 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import build, checks
 from palpate.experiment.dataset.status import status
 from palpate.experiment.errors import RosterError
-from palpate.experiment.study import enrolment, withdrawal
+from palpate.experiment.study import withdrawal
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import find_allocation
 from tests.approved import Refuses
@@ -40,7 +41,7 @@ def withdraw(study: MadeStudy, participant: str, *, erase: bool = False) -> None
 
 def enrol(study: MadeStudy, participant: str) -> tuple[str, ...]:
     """Enrol a participant and return their tasks."""
-    enrolment.enrol(study.file, participant, DAY, root=study.root, seed=None)
+    enrolling.enrol(study.file, participant, DAY, root=study.root, seed=None)
     return find_allocation(study.tasks, participant).tasks
 
 

@@ -17,6 +17,7 @@ from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.records import chain
 from palpate.experiment.study import enrolment
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses
 from tests.conftest import Palpate
@@ -81,7 +82,7 @@ def test_another_seed_or_salt_is_refused_wherever_it_is_read(
     change(study, **facts)
     calls: tuple[Callable[[], object], ...] = (
         lambda: enrolment.seed_of(study.root),
-        lambda: enrolment.enrol(study.file, "03", None, root=study.root, seed=None),
+        lambda: enrolling.enrol(study.file, "03", None, root=study.root, seed=None),
         lambda: checks.load_sound(study.root),
     )
     for call in calls:
@@ -139,7 +140,7 @@ def test_a_study_that_began_before_there_was_a_hash_goes_on(begun: MadeStudy) ->
     chain.head_path(path).unlink()
     Roster(path).enrol("01", None)
     change(begun, salt=None)
-    enrolment.enrol(begun.file, "02", None, root=begun.root, seed=None)
+    enrolling.enrol(begun.file, "02", None, root=begun.root, seed=None)
     assert [one["kind"] for one in entries(begun)] == ["enrolled", "enrolled"]
     assert enrolment.seed_of(begun.root) == 1
     assert not enrolment.seed_is_proven(begun.root)
@@ -149,7 +150,7 @@ def test_what_a_kill_left_between_seed_and_roster_is_gone_on_with(begun: MadeStu
     path = storage.roster_path(begun.root)
     path.unlink()
     chain.head_path(path).unlink()
-    enrolment.enrol(begun.file, "01", None, root=begun.root, seed=None)
+    enrolling.enrol(begun.file, "01", None, root=begun.root, seed=None)
     assert enrolment.seed_is_proven(begun.root)
 
 

@@ -13,6 +13,7 @@ from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import files
 from palpate.experiment.records import chain
 from palpate.experiment.study import enrolment, roster, withdrawal
+from palpate.experiment.study.people import enrolling
 from tests.approved import Refuses
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
@@ -33,7 +34,7 @@ def test_consent_before_enrolment_is_refused_and_locks_nobody_out(
     with refuses(RosterError):
         enrolment.consent(protocol_file, "01", DAY, root=tmp_path / "study")
     assert not (tmp_path / "study").exists()
-    path = enrolment.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+    path = enrolling.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
     said = "participant '02' is not enrolled; allowed: 01; 02 is the next to be enrolled"
     with pytest.raises(RosterError, match=said):
         enrolment.consent(protocol_file, "02", DAY, root=tmp_path / "study")
@@ -62,14 +63,14 @@ def test_the_same_command_brings_up_the_head_that_a_kill_left_behind(
     tmp_path: Path, protocol_file: Path, command: str
 ) -> None:
     root = tmp_path / "study"
-    head = chain.head_path(enrolment.enrol(protocol_file, "01", None, root=root, seed=1))
+    head = chain.head_path(enrolling.enrol(protocol_file, "01", None, root=root, seed=1))
     before = b""
 
     def act() -> None:
         nonlocal before
         before = head.read_bytes()
         if command == "enrol":
-            enrolment.enrol(protocol_file, "02", None, root=root, seed=None)
+            enrolling.enrol(protocol_file, "02", None, root=root, seed=None)
         elif command == "consent":
             enrolment.consent(protocol_file, "01", DAY, root=root)
         else:
@@ -88,7 +89,7 @@ def test_the_same_command_brings_up_the_head_that_a_kill_left_behind(
 def test_what_a_kill_left_on_its_way_locks_nobody_out(tmp_path: Path, protocol_file: Path, left: str) -> None:
     (tmp_path / "study" / "sourcedata").mkdir(parents=True)
     (tmp_path / "study" / left).write_bytes(b"torn")
-    enrolment.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+    enrolling.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
     assert enrolment.seed_of(tmp_path / "study") == 1
 
 
@@ -100,7 +101,7 @@ def test_a_folder_of_something_else_is_refused_and_stays_as_it_is(
     path.parent.mkdir(parents=True)
     path.write_bytes(b"mine")
     with refuses(DatasetError):
-        enrolment.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+        enrolling.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
     assert path.read_bytes() == b"mine"
     assert not storage.roster_path(tmp_path / "study").exists()
 
@@ -111,7 +112,7 @@ def test_nobody_enrols_consents_or_withdraws_in_a_rehearsal(tmp_path: Path, prot
     (root / "sourcedata" / "sub-01").mkdir()
     said = "a rehearsal, and its participants are simulated: nobody enrols"
     with pytest.raises(DatasetError, match=said):
-        enrolment.enrol(protocol_file, "01", DAY, root=root, seed=1)
+        enrolling.enrol(protocol_file, "01", DAY, root=root, seed=1)
     with pytest.raises(DatasetError, match=said):
         enrolment.consent(protocol_file, "01", DAY, root=root)
     with pytest.raises(DatasetError, match=said):

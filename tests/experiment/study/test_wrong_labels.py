@@ -21,7 +21,8 @@ from palpate.experiment.session import exposure, remarks, run
 from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import open_laboratory
 from palpate.experiment.session.run import RealEnds
-from palpate.experiment.study import admission, approvals, enrolment, withdrawal
+from palpate.experiment.study import admission, approvals, withdrawal
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -266,8 +267,8 @@ def test_whose_label_another_used_goes_on_under_a_new_one(
         run.prepare(study.file, shipped("rigs/rehearsal.toml"), "01", first, study.root, None, console)
     assert "palpate withdraw" in refused.value.sentence()
     withdraw(study, "01")
-    assert enrolment.free_place(study.root, study.protocol, Roster.load(storage.roster_path(study.root))) == "01"
-    enrolment.enrol(study.file, "03", DAY, root=study.root, seed=None)
+    assert enrolling.free_place(study.root, study.protocol, Roster.load(storage.roster_path(study.root))) == "01"
+    enrolling.enrol(study.file, "03", DAY, root=study.root, seed=None)
     assert tell(palpate, study, "01", "03", position=1) == 0
     study.run(study.header("03", first))
     build.build(study.root)

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis.shaping import Response, Shaped, _moved_m_s2, at_bins, drive, shape, shape_at
+from palpate.experiment.synthesis.shaping import Response, Shaped, _moved_m_s2, at_bins, drive, shape_at
+from palpate.experiment.synthesis.signals.weighting import shape
 from palpate.experiment.synthesis.spectra import Bins, inverse, spectrum
 from tests.approved import Refuses
 from tests.experiment.synthesis.measured import (

@@ -23,7 +23,7 @@ from palpate.experiment import synthesis
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.session.kinds.footstep import sampling
 from palpate.experiment.synthesis import budget, crinkle, noticing, shaping, spectra, voltages, waveforms
-from palpate.experiment.synthesis.signals import dissimilarity, noise
+from palpate.experiment.synthesis.signals import dissimilarity, noise, weighting
 from tests.approved import Refuses
 from tests.experiment.synthesis.measured import accelerations
 
@@ -131,7 +131,7 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
 def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     c, of = np.ones(BINS_HZ.size), RESPONSE
     f = np.linspace(20.0, 500.0, c.size)
-    shape = partial(shaping.shape, response=of, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
+    shape = partial(weighting.shape, response=of, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     asked = spectra.Bins(spectra.spectrum(c), samples=c.size, rate_hz=RATE_HZ)
     drive = partial(shaping.drive, rate_hz=RATE_HZ, response=of)
     within: Callable[..., object] = partial(drive, asked, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
@@ -140,7 +140,7 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
         given: dict[str, Any] = {"gain_limit_v_per_m_s2": gain_limit_v_per_m_s2, **limits}
         return voltages.Drive({}, rate_hz=RATE_HZ, response=of, **given).prepared(material(some()))
 
-    unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
+    unbounded = partial(weighting.shape, c, frequencies_hz=f, response=of)
     at = shaping.at_bins(of, f)
     shape_at = partial(shaping.shape_at, at=at, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     return [
@@ -291,7 +291,9 @@ def test_every_number_that_a_public_function_takes_is_tried() -> None:
 
 def shaped(coefficients: NDArray[np.float64], answers: NDArray[np.float64] = ANSWERS) -> shaping.Shaped:
     by = shaping.Response(FREQUENCIES_HZ, LEVELS_V, answers)
-    return shaping.shape(coefficients, frequencies_hz=BINS_HZ, response=by, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
+    return weighting.shape(
+        coefficients, frequencies_hz=BINS_HZ, response=by, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2
+    )
 
 
 def test_at_a_null_no_bin_takes_more_volts_than_the_limit_of_the_gain() -> None:

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis.shaping import Loss, Response, shape
+from palpate.experiment.synthesis.shaping import Loss, Response
+from palpate.experiment.synthesis.signals.weighting import shape
 from palpate.experiment.synthesis.spectra import inverse
 from tests.approved import Refuses
 from tests.experiment.synthesis.measured import (

@@ -10,7 +10,7 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import build
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import chain
-from palpate.experiment.study import enrolment
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import DAY
 from tests.faults.anchors import HIDES, forge, smuggle
@@ -265,7 +265,7 @@ def _session_after_withdrawal(case: Case) -> None:
 
 
 def _session_without_consent(case: Case) -> None:
-    enrolment.enrol(case.study.file, "04", None, root=case.root, seed=None)
+    enrolling.enrol(case.study.file, "04", None, root=case.root, seed=None)
     case.study.run(case.study.header("04", case.study.tasks[3].tasks[0]))
 
 

@@ -28,6 +28,7 @@ from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.kinds.tapping.trials import ComparisonDevices
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.study import enrolment, withdrawal
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import allocate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -129,7 +130,7 @@ def _people(folder: Path) -> Clean:
     for participant in ("02", "03"):
         withdrawal.withdraw(made.file, participant, REASON, root=made.root, rebuild=build.build)
     for participant in ("04", "05"):
-        enrolment.enrol(made.file, participant, None, root=made.root, seed=None)
+        enrolling.enrol(made.file, participant, None, root=made.root, seed=None)
         enrolment.consent(made.file, participant, DAY, root=made.root)
         tasks = {one.participant: one.tasks for one in made.tasks}
         made.run(made.header(participant, tasks[participant][0]))
@@ -172,7 +173,7 @@ def _pairs(folder: Path) -> Clean:
         expires_on=date(2099, 1, 1),
     )
     for participant in ("01", "02", "03"):
-        enrolment.enrol(file, participant, DAY, root=made.root, seed=1)
+        enrolling.enrol(file, participant, DAY, root=made.root, seed=1)
     kept = approval.seal_path(storage.protocol_path(made.root))
     storage.write_bytes(kept, approval.seal_path(file).read_bytes())
     for participant, keys in (("01", "12" * 15), ("02", "12q")):

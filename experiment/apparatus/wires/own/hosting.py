@@ -16,6 +16,7 @@ from typing import Any
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.host import beside
 from palpate.experiment.apparatus.rig import AccelerometerRig, ActuatorRig, Rig
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.wires.own import process
@@ -82,7 +83,7 @@ class DriverProcess:
     def _start(self, orders: dict[str, Any]) -> None:
         wanted, shown = secrets.token_bytes(SECRET_BYTES), secrets.token_bytes(SECRET_BYTES)
         self._told = tempfile.TemporaryFile()  # noqa: SIM115
-        with socket.create_server(("127.0.0.1", 0)) as server, host.elsewhere(), host.held_back():
+        with socket.create_server(("127.0.0.1", 0)) as server, host.elsewhere(), beside.held_back():
             command = storage.python_command("-m", process.__name__, str(server.getsockname()[1]))
             self._process = subprocess.Popen(  # noqa: S603
                 command, stdin=subprocess.PIPE, stdout=self._told, stderr=self._told

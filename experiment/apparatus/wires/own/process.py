@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.host import beside
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE, bounded
 from palpate.experiment.apparatus.servo.serving import hold
 from palpate.experiment.apparatus.wires.own.loading import error_words, module_in
@@ -254,7 +255,7 @@ class Force(Role):
 
     def _work(self) -> None:
         """Serve one connection after the other."""
-        host.raise_above_sessions()
+        beside.raise_above_sessions()
         threading.Thread(target=self._guard, daemon=True).start()
         try:
             while True:

@@ -23,7 +23,8 @@ from palpate.experiment.errors import DatasetError, PalpateError, RosterError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import chain, entries
-from palpate.experiment.study import amendment, enrolment, withdrawal
+from palpate.experiment.study import amendment, withdrawal
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses, anywhere
 from tests.conftest import Palpate
@@ -53,7 +54,7 @@ def licensed(study: MadeStudy) -> None:
 
 def agree(study: MadeStudy, *labels: str) -> None:
     for label in labels:
-        enrolment.sharing(study.file, label, True, root=study.root)
+        enrolling.sharing(study.file, label, True, root=study.root)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +62,7 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = make_study(tmp_path_factory.mktemp("sharing") / "study", enrolled=5, sessions=4, further=allowed())
     licensed(made)
     agree(made, "01", "02", "03", "05")
-    enrolment.sharing(made.file, "03", False, root=made.root)
+    enrolling.sharing(made.file, "03", False, root=made.root)
     return made.file.parent
 
 
@@ -207,7 +208,7 @@ def test_whose_only_session_has_not_ended_is_absent(study: MadeStudy, tmp_path: 
 
 
 def test_reasons_of_palpate_are_shared_and_typed_ones_are_not(study: MadeStudy, tmp_path: Path) -> None:
-    enrolment.enrol(study.file, "06", DAY, root=study.root, seed=None)
+    enrolling.enrol(study.file, "06", DAY, root=study.root, seed=None)
     agree(study, "06")
     place = study.tasks[5]
     typed = Repeat(trial=2, reason="asked Ms Example")
@@ -257,7 +258,7 @@ def test_whoever_withdraws_or_takes_it_back_is_in_no_later_copy(study: MadeStudy
     agree(study, "03", "04")
     assert sharing.share(study.root, tmp_path / "first").participants == 4
     day = Roster.load(storage.roster_path(study.root)).shared["01"]
-    assert enrolment.sharing(study.file, "01", False, root=study.root) == day
+    assert enrolling.sharing(study.file, "01", False, root=study.root) == day
     withdrawal.withdraw(study.file, "02", "asked", root=study.root, rebuild=build.build, erase=True)
     second = sharing.share(study.root, tmp_path / "second")
     assert second.absent == {"declined": 1, "no session": 1, "withdrew": 1}

@@ -16,7 +16,7 @@ from palpate.experiment.rehearsal.wires.panel import (
     measured,
     moved,
 )
-from palpate.experiment.synthesis.shaping import shape
+from palpate.experiment.synthesis.signals.weighting import shape
 from palpate.experiment.synthesis.spectra import inverse, spectrum
 from tests.experiment.apparatus.panel.tables import read, write
 

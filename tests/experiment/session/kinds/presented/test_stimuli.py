@@ -25,7 +25,8 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session.kinds.presented import fidelity
 from palpate.experiment.session.kinds.presented.plan import plan
 from palpate.experiment.session.kinds.presented.stimuli import rendered, scaled
-from palpate.experiment.study import enrolment, privacy
+from palpate.experiment.study import privacy
+from palpate.experiment.study.people import enrolling
 from tests.conftest import Palpate
 from tests.experiment.protocol.presented import RECORDED, presenting
 from tests.experiment.protocol.small import changed
@@ -251,7 +252,7 @@ def test_a_dataset_begins_once_every_recording_is_right(tmp_path: Path, palpate:
         (tmp_path / "cork.wav").write_bytes(right + b"\0")
     root = tmp_path / "dataset"
     with pytest.raises(ProtocolError):
-        enrolment.enrol(study, "01", None, root=root, seed=1)
+        enrolling.enrol(study, "01", None, root=root, seed=1)
     assert not (root / "sourcedata" / "felt.wav").exists()
     code, _, err = palpate("check", study)
     assert (code, "cork.wav" in err) == (2, True)
@@ -260,7 +261,7 @@ def test_a_dataset_begins_once_every_recording_is_right(tmp_path: Path, palpate:
     (tmp_path / "cork.wav").write_bytes(right)
     # As after a command that was killed between two files.
     (root / "sourcedata" / "felt.wav").write_bytes(right)
-    enrolment.enrol(study, "01", None, root=root, seed=1)
+    enrolling.enrol(study, "01", None, root=root, seed=1)
     assert all((root / "sourcedata" / one).read_bytes() == right for one in names)
     assert palpate("check", study)[0] == palpate("seal", study, *approval)[0] == 0
 

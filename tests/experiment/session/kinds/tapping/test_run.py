@@ -16,7 +16,7 @@ from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session.run import run
-from palpate.experiment.study import enrolment
+from palpate.experiment.study.people import enrolling
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
 CHANGED = {
@@ -57,7 +57,7 @@ def test_a_session_of_real_samples_needs_no_device(tmp_path: Path, monkeypatch: 
         expires_on=date(2199, 1, 1),
     )
     root = tmp_path / "dataset"
-    enrolment.enrol(study, "01", day(wall_ns()), root=root, seed=1)
+    enrolling.enrol(study, "01", day(wall_ns()), root=root, seed=1)
     desk = ScriptedConsole(ManualClock(START_NS), "12" * 15)
     footer = run(
         protocol_file=study,
