@@ -1,15 +1,13 @@
-"""A simulated person behind the console's port, at the keys of a simulated or practicing experimenter."""
+"""A simulated person behind the console's port, at the keys of a simulated experimenter."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from queue import SimpleQueue
-from threading import Timer
 
 import numpy as np
 
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk import questions
-from palpate.experiment.desk.messages import By
 from palpate.experiment.desk.questions import Arm, Attended, Console, Event, Level, Notice, Pressed, Question, Reply
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY
@@ -21,8 +19,8 @@ Tick = Callable[[], None]
 MASKED_DB_A = 60.0
 """Level from which on a simulated participant no longer hears what the masker is to hide."""
 
-PRESSES_S, PRESSED_S = 0.6, 10.0
-"""A simulated participant presses so long after the question, s; the press has come through its port within so long."""
+PRESSED_S = 10.0
+"""A press of a simulated participant has come through its port within so long, s."""
 
 LISTENS_NS = 600_000_000
 """A simulated participant listens to each level for so long, ns."""
@@ -128,72 +126,3 @@ class SimulatedPerson(Console):
 
     def ignored(self) -> str:
         return ""
-
-
-@dataclass(kw_only=True)
-class Practised:
-    """Implements `Console`: an experimenter practises at `desk`, which tells what the simulated participant says."""
-
-    desk: Console
-    participant: SimulatedPerson
-
-    def __post_init__(self) -> None:
-        self._said = self._wished = self._proposed = ""
-        self.attend, self.ignored = self.desk.attend, self.desk.ignored
-
-    def tell(self, event: Event) -> None:
-        if isinstance(event, questions.Proposed):
-            self._proposed = event.words
-            self._propose()
-        else:
-            self.desk.tell(event)
-            if isinstance(event, questions.Played):
-                self.participant.tell(event)
-
-    def _propose(self) -> None:
-        """Show beside the question what the participant says, and what the microphone proposes."""
-        said = f"The participant says: {self._said}." if self._said else ""
-        self.desk.tell(questions.Proposed(f"{said} {self._proposed}".strip()))
-
-    def ask(self, question: Question | Arm) -> Reply:
-        match question:
-            case Level():
-                said = {LOUDER_KEY: "louder", PROBE_KEY: "let me feel it", HEARD_KEY: "I still hear it"}
-                words = said.get(self.participant.wishes(question), "I no longer hear it")
-                self.desk.tell(Notice(f"The participant says: {words}."))
-                # Whoever practises has the participant's keys as well.
-                return self.desk.ask(replace(question, by="either"))
-            case questions.TrialAnswer():
-                return self._ask(question)
-            case questions.Play(by="participant"):
-                return self.participant.ask(question)
-            case Arm() | questions.Place():
-                self._said = self._proposed = ""
-        reply = self.desk.ask(question)
-        # The participant steps only now: nothing was felt while the desk was waited for.
-        theirs = isinstance(question, Arm | questions.Place | questions.Rest | questions.Say)
-        return self.participant.ask(question) if theirs and reply.key != questions.WITHOUT else reply
-
-    def _press(self, key: str, by: By) -> None:
-        if self.participant.box is not None:
-            self.participant.box.press(key)
-        else:
-            self.desk.tell(Pressed(key, by=by))
-
-    def _ask(self, question: questions.TrialAnswer) -> Reply:
-        if not self._said:
-            self._wished, self._said = self.participant.says(question.trial)
-        if question.by != "experimenter" and self._wished in question.answers:
-            # Nobody says an answer: it is pressed, once it is asked for.
-            pressing = Timer(PRESSES_S, self._press, (self._wished, question.by))
-            pressing.start()
-            try:
-                return self.desk.ask(question)
-            finally:
-                pressing.cancel()
-        self._propose()
-        reply = self.desk.ask(question)
-        if reply.key == self._wished and reply.key in question.others:
-            # What the participant wished for has been done; they go on from there.
-            self._said = ""
-        return reply

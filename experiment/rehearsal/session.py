@@ -33,7 +33,8 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose
 from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind, stepping
-from palpate.experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
+from palpate.experiment.rehearsal.participant import SimulatedPerson, Tick
+from palpate.experiment.rehearsal.practice import Guided, Practised
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedButtons, SimulatedPedal
@@ -87,7 +88,7 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
             raise Interrupted(f"the rehearsal was paused ({footer.detail})", remedy="the same command goes on with it")
 
 
-def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: Console | None = None) -> Footer:
+def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: Guided | None = None) -> Footer:
     """Run what remains of a task, as `rehearse_participant`, with an experimenter who practices at `desk`, if any."""
     kept = storage.protocol_path(job.dataset)
     rig_file = kept.with_name("rig.toml")
@@ -160,7 +161,7 @@ class SimulatedEnds:
     sitting: Sitting
     tick: Tick
     screen: Console | None
-    desk: Console | None
+    desk: Guided | None
 
     def __post_init__(self) -> None:
         self.real_time, self.attended = self.job.real_time, self.desk is not None

@@ -25,6 +25,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.kind import rehearsal_kind
+from palpate.experiment.rehearsal.practice import Guided
 from palpate.experiment.rehearsal.session import (
     HEARD_FILE,
     PANEL_FILE,
@@ -199,7 +200,8 @@ def practise(
         real_time=True,
     )
     with ExitStack() as refused:
-        if not is_begun(job.dataset, plan):
+        first = not is_begun(job.dataset, plan)
+        if first:
             refused.enter_context(_prepared(job.dataset, plan, protocol_file, rig_file, {}))
         left = {task: _remaining(job.dataset, protocol, job, task) for task in job.tasks}
         tasks = (task_id,) if task_id else tuple(task for task in job.tasks if left[task]) or job.tasks[-1:]
@@ -213,15 +215,20 @@ def practise(
         facts["answers"] = SAYS if protocol.answers.mode == "oral" else PRESSES
         for said in filter(None, (WELCOME.format(**facts), generic(protocol), TO_DO.format(**facts))):
             console.tell(Notice(said))
-        practice = _Practice(job, console)
-        footer = walk(console=console, tasks=tasks, run=practice.session, noting=practice.noting)
+        desk = Guided(console, first=first)
+        practice = _Practice(job, desk)
+        footer = walk(console=desk, tasks=tasks, run=practice.session, noting=practice.noting)
     others = [task for task in job.tasks if left[task] and task not in tasks]
     if footer.reason == "paused":
         onward = ""
     elif not left[tasks[-1]]:
         onward = "This session was complete before. To practise it anew, name another --participant or --dataset."
     else:
-        onward = f"To practise the other task, add --task {others[0]}." if others else "Every task is practised."
+        of = ("--rig", str(rig_file)) if rig_file != simulated_rig(protocol) else ()
+        again = ("palpate", "run", str(protocol_file), "--practice", "-p", participant, "--dataset", str(out), *of)
+        study = "Every task is practiced. The desk shows what the study needs next"
+        onward = f"{study}: {shown(('palpate', 'desk', str(protocol_file)))}"
+        onward = f"To practice the other task: {shown((*again, '--task', others[0]))}" if others else onward
     # What ended the session may stand on an unfinished line.
     console.tell(Notice(f"\n{onward}"))
     if footer.answered:
@@ -232,11 +239,11 @@ def practise(
 @dataclass(frozen=True)
 class _Practice:
     job: Job
-    console: Console
+    desk: Guided
 
     def session(self, task_id: str) -> Footer:
-        self.console.tell(At(task_id, visit_steps(self.job.tasks)))
-        footer = run_task(self.job, task_id, lambda: None, None, self.console)
+        self.desk.tell(At(task_id, visit_steps(self.job.tasks)))
+        footer = run_task(self.job, task_id, lambda: None, None, self.desk)
         build.build(self.job.dataset)
         return footer
 

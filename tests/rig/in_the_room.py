@@ -10,6 +10,7 @@ from typing import Any
 from unittest import mock
 
 from palpate.experiment.desk.voice.listening import Listening
+from palpate.experiment.rehearsal.practice import Guided
 from palpate.experiment.rehearsal.session import Job, SimulatedEnds
 from palpate.experiment.session import laboratory, run
 from palpate.experiment.session.attempt import Devices
@@ -24,7 +25,7 @@ SEED = 1
 def _opened(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
     clock: Any = sitting.clock
     job = Job(sitting.dataset, sitting.participant, (sitting.task_id,), SEED, "none", real_time=True)
-    world = SimulatedEnds(job, sitting, lambda: None, None, ends.console())
+    world = SimulatedEnds(job, sitting, lambda: None, None, Guided(ends.console(), first=False))
     with laboratory.open_laboratory(sitting, world) as devices, ThreadPoolExecutor(1) as computing:
         yield replace(devices, masker=ScriptedMasker(clock), listening=Listening(ScriptedMicrophone(clock), computing))
 

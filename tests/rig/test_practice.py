@@ -66,7 +66,7 @@ def practise(folder: Path, *arguments: str, stop_after: int = TRIALS, stop: int 
         command, cwd=folder, env=environment, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
     )
     os.close(theirs)
-    screen, at, said, answered = "", 0, "", 0
+    screen, at, said, answered, waits = "", 0, "", 0, False
     try:
         while True:
             if (asked := QUESTION.search(screen, at)) is None:
@@ -81,11 +81,18 @@ def practise(folder: Path, *arguments: str, stop_after: int = TRIALS, stop: int 
                 os.write(ours, b"f")
             elif asked["said"] is not None:
                 said = asked["said"]
+                if waits:
+                    os.write(ours, f"{KEYS[said]}\n".encode())
+                waits = False
             elif asked["key"] is not None and answered == stop_after:
                 process.send_signal(stop)
             elif asked["key"] is not None:
                 answered += 1
-                os.write(ours, f"{KEYS[said]}\n".encode())
+                # Who hesitates speaks after the question.
+                waits = not said
+                if said:
+                    os.write(ours, f"{KEYS[said]}\n".encode())
+                said = ""
             else:
                 os.write(ours, f"{'y' if asked['agree'] else asked['again'] or ''}\n".encode())
     finally:
@@ -106,7 +113,7 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     assert (code, "complete: 4 answers" in rest) == (0, True), rest
     root = tmp_path / "participants" / "practice-small"
     entries = journal.read(storage.journal_path(root, "01", "one")).entries
-    assert "add --task two" in rest
+    assert "--task two" in rest
     told = re.findall(r"says: (.*)\.\n", screen)[:1] + re.findall(r"says: (.*)\.\n", rest)
     answers = [entry for entry in entries if isinstance(entry, Answer)]
     assert [(one.answered, one.key) for one in answers] == [(name, KEYS[name]) for name in told]

@@ -22,6 +22,7 @@ from tests.rig.laboratory import HURRIED
 
 ME = Hello(role="console", by="test")
 PATIENCE_S = 60.0
+SAYS = "The participant says: "
 PRELOADED = (
     "palpate.experiment.cli.session",
     "palpate.experiment.rehearsal.study",
@@ -122,7 +123,7 @@ class Desk:
         if asked.kind == "write":
             self.there.send(Write(question=asked.number, text=f"an answer to {asked.text[:8]}"))
         elif asked.kind == "answer":
-            words = view.heard.removeprefix("The participant says: ").rstrip(".")
+            words = view.heard.removeprefix(SAYS).rstrip(".")
             self.press(view, next(choice.key for choice in asked.choices if choice.answer and words in choice.words))
         elif asked.kind == "say":
             self.press(view, WITHOUT)
@@ -138,7 +139,7 @@ class Desk:
                 self.replies.append(message)
                 continue
             assert isinstance(message, View)
-            now = (message.question, message.state, message.trial, message.ended)
+            now = (message.question, message.state, message.trial, message.heard, message.ended)
             if now != last:
                 last = now
                 yield message
@@ -146,7 +147,7 @@ class Desk:
     def visit(self, at: Callable[[View], bool] = lambda _: False) -> View:
         """Go on with the visit until `at` says so, or its end; return the view at that moment."""
         assert self.there is not None
-        if self._last is not None and self._last.question is not None and self._last.question.number != self._asked:
+        if self._last is not None and self._last.question is not None and self._is_new(self._last):
             if at(self._last):
                 return self._last
             self._asked = self._last.question.number
@@ -155,10 +156,16 @@ class Desk:
             self._last = view
             if at(view) or view.ended is not None:
                 return view
-            if view.question is not None and view.question.number != self._asked:
+            if view.question is not None and self._is_new(view):
                 self._asked = view.question.number
                 self.answer(view)
         raise AssertionError(f"the session is gone: {self.log}")
+
+    def _is_new(self, view: View) -> bool:
+        """Return whether a question is to be answered now: once, and no earlier than the participant speaks."""
+        asked = view.question
+        waits = asked is not None and asked.kind == "answer" and SAYS not in view.heard
+        return asked is not None and asked.number != self._asked and not waits
 
     def look(self, at: Callable[[View], bool] = lambda _: True) -> View:
         """Return the first view of which `at` holds, and press no key meanwhile."""
