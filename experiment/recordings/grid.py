@@ -219,10 +219,17 @@ def _evenly(times_s: Floats, stated: Stated, otherwise: str) -> Remedy | str:
     steps, median = np.diff(times_s), _median_step(times_s)
     if (steps >= 0).all() and not (steps > 0).all():
         words = "export times with more digits, or state the rate of the recorder"
-        return stated.remedy(words, "--rate", f"{steps.size / float(times_s[-1]):.4g}" if times_s[-1] > 0 else "HZ")
+        return stated.remedy(words, "--rate", f"{_roundest_rate(steps):.12g}" if times_s[-1] > 0 else "HZ")
     if (steps > 0).all() and _missing(steps / median).max() <= LONGEST_GAP:
         return stated.remedy(f"{otherwise}, or have it resampled", "--resample")
     return otherwise
+
+
+def _roundest_rate(steps_s: Floats) -> float:
+    """Return the sampling rate of the fewest digits, Hz, at which rounded times have these steps."""
+    span, finest = float(steps_s.sum()), float(steps_s[steps_s > 0].min())
+    rates = (float(f"{steps_s.size / span:.{digits}g}") for digits in range(1, 17))
+    return next(one for one in rates if abs(steps_s.size / one - span) <= finest)
 
 
 def _missing(steps: Floats) -> NDArray[np.int64]:

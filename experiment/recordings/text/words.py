@@ -6,8 +6,9 @@ import csv
 import io
 import re
 from collections import Counter
-from itertools import islice
+from itertools import chain, islice, pairwise
 
+from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.text.cells import is_missing, is_number
 from palpate.experiment.settings.delimited import DELIMITERS, SAMPLE, records
 
@@ -43,12 +44,32 @@ def without_words(text: str) -> str | None:
         width, kept = _channels(text, delimiter)
         if not 2 <= len(kept) < width:
             continue
+        if (width, kept) == (3, [0, 1]):
+            _refuse_labels(text, delimiter)
         lines = []
         for one in text.splitlines():
             cells = next(csv.reader([one], delimiter=delimiter), [])
             lines.append(_line([cells[place] for place in kept], delimiter) if len(cells) == width else one)
         return "\n".join([*lines, ""])
     return None
+
+
+def _refuse_labels(text: str, delimiter: str) -> None:
+    """Refuse beginnings, ends and labels of what is in a recording, as Audacity exports them: no one overlaps another.
+
+    A line that begins with a backslash has the frequencies of the label above.
+    """
+    lines = [one for one in text.splitlines() if one and not one.startswith("\\")]
+    spans = [one.split(delimiter)[:2] for one in lines]
+    if not all(map(is_number, chain.from_iterable(spans))):
+        return
+    edges = [float(cell.replace(",", ".")) for span in spans for cell in span]
+    if all(before <= after for before, after in pairwise(edges)):
+        raise RecordingError(
+            f"got {len(lines)} labels with the times at which each begins and ends",
+            remedy="name the recording itself",
+            allowed="samples of a recording",
+        )
 
 
 def _channels(text: str, delimiter: str) -> tuple[int, list[int]]:

@@ -169,3 +169,15 @@ def test_taps_pulses_and_steps_hold_no_marks() -> None:
     pulses = np.where(np.arange(2000) % 100 == 0, 200.0, 0.0)
     steps = np.where(times < 1, 100.0, 900.0)
     assert [mark(one) for one in (_wave(times), tap, np.round(tap), pulses, steps)] == [None] * 5
+
+
+@pytest.mark.parametrize(("rate_hz", "samples"), [(2000, 400), (5000, 900), (4000, 700)], ids=str)
+def test_the_rate_that_is_proposed_is_that_of_the_fewest_digits_that_fits(
+    tmp_path: Path, rate_hz: int, samples: int
+) -> None:
+    """Times are in hundredths of a second."""
+    file = tmp_path / "few.csv"
+    file.write_text("time (s),a (g)\n" + "".join(f"{i / rate_hz:.2f},{i % 7}\n" for i in range(samples)))
+    with pytest.raises(RecordingError) as refused:
+        read(file)
+    assert f"--rate {rate_hz} " in f"{refused.value} "
