@@ -1,6 +1,7 @@
 """What is implausible of trials that were read: practice among them, and response times in another unit."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
 
@@ -24,6 +25,12 @@ PRACTICE = re.compile(
     r"|(demo|demos|demonstration|prac)(?![a-z]))"
 )
 """What a column or a cell says, in small letters, of trials that are no part of the measurement."""
+
+SUMMARY = re.compile(
+    r"(grand |overall )?(totals?|sums?|means?|averages?|avg|medians?|sd|std|overall|all|"
+    r"summe|gesamt|insgesamt|mittelwert|mittel|durchschnitt)"
+)
+"""What a row below those of the participants is called, in small letters, that sums them up."""
 
 LOOP = re.compile(r"\.(this\w*|ran|order|started|stopped)$")
 """How the columns end that PsychoPy fills in the rows of one loop or routine, and leaves empty in others."""
@@ -143,6 +150,19 @@ def wide_doubts(columns: Iterable[str], layout: Layout) -> tuple[Finding, ...]:
     what = f"is read, and {listed(further)} are not, which look like further trials of each row"
     remedy = "write a row for each trial, such as by R's pivot_longer"
     return (Finding(what, field=f"column {layout.presented}", remedy=remedy, verdict="warns", check="wide"),)
+
+
+def summary_doubts(participants: Iterable[str], layout: Layout, stated: Stated) -> tuple[Finding, ...]:
+    """Return the participant of each trial that is called as rows are which sum up the others."""
+    trials = Counter(participants)
+    called = {who for who in trials if SUMMARY.fullmatch(re.sub(r"[\s_-]+", " ", who.lower()).strip(" .:="))}
+    if not called or layout.participant is None or called == set(trials):
+        return ()
+    written = dict.fromkeys((*(cell for cell, who in layout.people.items() if who in called), *sorted(called)))
+    what = f"{listed([quoted(who) for who in sorted(called)])} may sum up the others, and counts as a participant"
+    options = [word for cell in written for word in ("--leave-out", f"{layout.participant}={cell}")]
+    remedy = stated.remedy("if so, delete the dataset and leave such rows out", *options)
+    return (Finding(what, field=f"column {layout.participant}", remedy=remedy, verdict="warns", check="summary"),)
 
 
 def time_doubts(times: Mapping[str, Sequence[float]], layout: Layout, stated: Stated) -> tuple[Finding, ...]:

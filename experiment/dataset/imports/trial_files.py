@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from palpate.experiment.dataset.imports.doubts import Practice, Unanswered, time_doubts, wide_doubts
+from palpate.experiment.dataset.imports.doubts import Practice, Unanswered, summary_doubts, time_doubts, wide_doubts
 from palpate.experiment.dataset.imports.layout import ABSENT, RIGHT, SEVERAL, WRONG, Layout
 from palpate.experiment.dataset.imports.objects import UnderstoodJson
 from palpate.experiment.dataset.imports.refusals import MOST_LISTED, Place, all_of, listed, refused
@@ -464,8 +464,9 @@ class _Reader:
             for path in self._tenths
         ]  # fmt: skip
         rows = (*self._practice.doubts(self._stated), *self._unanswered.doubts(self._stated))
+        summary = summary_doubts((row.participant for row in self._rows), self._layout, self._stated)
         of_times = (*time_doubts(times, self._layout, self._stated), *mixed, *tenths)
-        return (*wide_doubts(self._columns, self._layout), *rows, *of_times)
+        return (*wide_doubts(self._columns, self._layout), *rows, *summary, *of_times)
 
     def _remedy(self, words: str, *options: str) -> Remedy | str:
         return self._stated.remedy(words, *options)

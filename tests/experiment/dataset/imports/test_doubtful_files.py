@@ -214,3 +214,17 @@ def test_who_stands_in_several_files_is_shown_and_not_in_the_dataset(tmp_path: P
     made = _made(tmp_path, _people("Ann", "Bob"), f"{head}Bob,felt,felt\n")
     assert "02 ('Bob')" in made.sentences[-1]
     assert not any("Bob" in path.read_text() for path in made.root.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("name", ["Total", "grand_total", "MEAN", "Summe:", "Mittelwert"])
+def test_a_row_that_sums_up_the_others_is_reported_and_its_remedy_leaves_it_out(tmp_path: Path, name: str) -> None:
+    text = _people("a", "b") + f"{name},felt,cork\n"
+    (doubt,) = _read(tmp_path, text).doubts
+    assert (doubt.check, doubt.verdict, _added(doubt)) == ("summary", "warns", ("--leave-out", f"who={name}"))
+    again = _read(tmp_path, text, replace(PLAIN, leave_out=cells(_added(doubt)[1::2])))
+    assert ({row.participant for row in again.rows}, again.doubts) == ({"a", "b"}, ())
+
+
+def test_a_participant_is_called_as_others_are(tmp_path: Path) -> None:
+    assert _read(tmp_path, _people("meanwell", "allison", "sumi")).doubts == ()
+    assert _read(tmp_path, _people("all")).doubts == ()

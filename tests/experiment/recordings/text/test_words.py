@@ -9,7 +9,7 @@ import pytest
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.readers import read
 from palpate.experiment.settings.delimited import Stated
-from tests.conftest import Refuses
+from tests.approved import Refuses
 
 SECONDS = Stated(time_unit="s")
 
