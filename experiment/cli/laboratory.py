@@ -343,7 +343,7 @@ def schedule(
     ]
     if reveal and not all(shown):
         checks.check_roster(root)
-        known.reveal(participant, day(wall_ns()))
+        known.append(roster.Revealed, participant=participant, revealed_on=day(wall_ns()))
         shown = [True] * len(shown)
     orders = [
         (task, schedules.schedule(protocol=protocol, participant=participant, task_id=task, seed=drawn))

@@ -95,7 +95,7 @@ def record(protocol_file: Path, planned: Approved, *, root: Path | None) -> Path
         or approval.sha256(files.load(kept)) != planned.protocol_sha256
     ):
         raise ProtocolError(protocol_file, "was changed meanwhile", "run the same command again")
-    Roster.continued(storage.roster_path(root)).approve(planned)
+    Roster.continued(storage.roster_path(root)).append(Approved, **planned.model_dump(exclude={"kind"}))
     return kept
 
 
@@ -114,7 +114,7 @@ def stop(
     root = enrolment.study_begun(protocol_file, root)
     enrolment.check_reason(protocol_file, root, reason)
     roster = Roster.continued(storage.roster_path(root))
-    roster.stop(Stopped(kind=kind, from_on=from_on, reason=reason))
+    roster.append(Stopped, kind=kind, from_on=from_on, reason=reason)
     return roster.path
 
 

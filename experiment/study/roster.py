@@ -27,7 +27,7 @@ from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import VISIBLE, Line
 from palpate.experiment.study.approvals import Approvals, Approved, Stopped
-from palpate.experiment.study.lines import Eligible, Facts, Incident, Informed, criteria_sha256, sharing_sha256
+from palpate.experiment.study.lines import Eligible, Facts, Incident, Informed, criteria_sha256
 from palpate.experiment.study.schedule import labels, stranger
 
 FORMAT: Literal[2] = 2
@@ -251,18 +251,18 @@ class Roster:
         """
         who = {"participant": participant, "consent_on": consent_on, "group": group}
         if seed_sha256 is not None and not self.consent_on:
-            self._append(First, **who, seed_sha256=seed_sha256)
+            self.append(First, **who, seed_sha256=seed_sha256)
         elif takes is None:
-            self._append(Enrolled, **who, approval=approval)
+            self.append(Enrolled, **who, approval=approval)
         else:
-            self._append(Replacing, **who, approval=approval, takes=takes)
+            self.append(Replacing, **who, approval=approval, takes=takes)
 
     def consent(self, participant: str, consent_on: date, approval: int = 1) -> None:
         """Record a consent to the version that `approval` began.
 
         Raises `RosterError` if not enrolled, consented to it or a later one already, or withdrawn.
         """
-        self._append(Consented, participant=participant, consent_on=consent_on, approval=approval)
+        self.append(Consented, participant=participant, consent_on=consent_on, approval=approval)
 
     def check_consent(self, participant: str, consent_on: date, approval: int) -> None:
         """Return when a consent can be recorded. Raises as `consent`."""
@@ -270,63 +270,30 @@ class Roster:
 
     def correct(self, participant: str, consent_on: date, reason: str) -> None:
         """Record another day of consent; the old one stays. Raises `RosterError` without one, or for a bad reason."""
-        self._append(Corrected, participant=participant, consent_on=consent_on, reason=reason)
+        self.append(Corrected, participant=participant, consent_on=consent_on, reason=reason)
 
     def keep_voices(self, participant: str, agreed: bool, today: date) -> None:
         """Record whether spoken answers may be kept from now on. Raises `RosterError` if not enrolled, or withdrawn."""
-        self._append(Voices, participant=participant, agreed=agreed, told_on=today)
+        self.append(Voices, participant=participant, agreed=agreed, told_on=today)
 
     def confirm(self, participant: str, criteria: tuple[str, ...], today: date) -> None:
         """Record that each of these criteria is met. Raises `RosterError` if not enrolled, or withdrawn."""
         sha256 = criteria_sha256(criteria)
         facts = {"participant": participant, "criteria": len(criteria), "criteria_sha256": sha256}
-        self._append(Eligible, **facts, confirmed_on=today)
-
-    def keep_facts(self, participant: str, file_sha256: str) -> None:
-        """Record the hash of what a participant told of themselves. Raises `RosterError` as `confirm`."""
-        self._append(Facts, participant=participant, file_sha256=file_sha256)
+        self.append(Eligible, **facts, confirmed_on=today)
 
     def is_confirmed(self, participant: str, protocol: Protocol) -> bool:
         """Return whether a participant may take part by the criteria, or nobody has to confirm these."""
         wanted = protocol.eligibility
         return not wanted.confirmed or self.eligible.get(participant) == criteria_sha256(wanted.criteria)
 
-    def agree_to_sharing(self, participant: str, agreed: bool, protocol: Protocol, today: date) -> None:
-        """Record whether data may be shared as a protocol says. Raises `RosterError` if not enrolled, or withdrawn."""
-        sha256 = sharing_sha256(protocol)
-        self._append(Sharing, participant=participant, agreed=agreed, sharing_sha256=sha256, told_on=today)
-
     def share(self, participants: tuple[str, ...], today: date) -> None:
         """Record that data are shared. Raises `RosterError` for somebody who has not agreed, or withdrew."""
-        self._append(Shared, participants=participants, shared_on=today)
+        self.append(Shared, participants=participants, shared_on=today)
 
     def withdraw(self, participant: str, reason: str) -> None:
         """Record a withdrawal, with a reason of one line. Raises `RosterError` for a bad reason or if not active."""
-        self._append(Withdrawn, participant=participant, reason=reason)
-
-    def erase(self, participant: str) -> None:
-        """Record that the data of a participant are deleted. Raises `RosterError` unless the participant withdrew."""
-        self._append(Erased, participant=participant)
-
-    def reveal(self, participant: str, today: date) -> None:
-        """Record that the concealed order of what a participant does is shown. Raises `RosterError`."""
-        self._append(Revealed, participant=participant, revealed_on=today)
-
-    def approve(self, approved: Approved) -> None:
-        """Record an approval after the first. Raises `RosterError` if it is not the next one."""
-        self._append(Approved, **approved.model_dump(exclude={"kind"}))
-
-    def stop(self, stopped: Stopped) -> None:
-        """Record that the board suspended the approvals, lifted that, or ended the study. Raises `RosterError`."""
-        self._append(Stopped, **stopped.model_dump())
-
-    def report(self, incident: Incident) -> None:
-        """Record an adverse event or a deviation. Raises `RosterError` if its number is not the next one."""
-        self._append(Incident, **incident.model_dump())
-
-    def inform(self, informed: Informed) -> None:
-        """Record that the board was informed of one. Raises `RosterError` if there is none, or it was before."""
-        self._append(Informed, **informed.model_dump())
+        self.append(Withdrawn, participant=participant, reason=reason)
 
     @property
     def took_part(self) -> dict[tuple[str, str], str]:
@@ -414,7 +381,8 @@ class Roster:
                 raise RosterError.at(replace(inner, where=path, line=number, remedy=remedy)) from error
         return roster
 
-    def _append(self, kind: type[AnyEntry], /, **facts: object) -> None:
+    def append(self, kind: type[AnyEntry], /, **facts: object) -> None:
+        """Put a line on record, on disk when this returns. Raises `RosterError` if it does not follow those before."""
         try:
             entry = kind.model_validate(facts)
         except ValidationError as error:

@@ -10,7 +10,7 @@ from palpate.experiment.errors import DatasetError, PalpateError, RosterError
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Withdrawal
 from palpate.experiment.study.enrolment import check_reason, study_begun
-from palpate.experiment.study.roster import Roster
+from palpate.experiment.study.roster import Erased, Roster
 
 
 def withdraw(
@@ -127,7 +127,7 @@ def _erase(root: Path, roster: Roster, participant: str) -> None:
     for label in folders:
         _mark_apart(root, label, roster.withdrawn[label])
     if participant not in roster.erased:
-        roster.erase(participant)
+        roster.append(Erased, participant=participant)
     for path in roster.left_of(root, participant):
         storage.remove(path)
     for folder in folders.values():

@@ -23,7 +23,8 @@ from palpate.experiment.study.enrolment import (
     settling,
     study_begun,
 )
-from palpate.experiment.study.roster import Roster, check_consent
+from palpate.experiment.study.lines import sharing_sha256
+from palpate.experiment.study.roster import Roster, Sharing, check_consent
 from palpate.experiment.study.schedule import allocated, find_allocation, labels, stranger
 
 
@@ -108,5 +109,6 @@ def sharing(protocol_file: Path, participant: str, agreed: bool, *, root: Path |
     check_on_record(root, protocol_file, protocol)
     known = Roster.continued(storage.roster_path(root))
     known.check_enrolled(participant)
-    known.agree_to_sharing(participant, agreed, protocol, day(wall_ns()))
+    facts = {"participant": participant, "agreed": agreed, "sharing_sha256": sharing_sha256(protocol)}
+    known.append(Sharing, **facts, told_on=day(wall_ns()))
     return known.shared.get(participant)

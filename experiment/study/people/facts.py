@@ -20,6 +20,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.study.enrolment import check_on_record, study_begun
+from palpate.experiment.study.lines import Facts
 from palpate.experiment.study.roster import Roster
 
 MISSING = "n/a"
@@ -119,7 +120,7 @@ def record(protocol_file: Path, participant: str, given: Mapping[str, str], *, r
         # Until the roster has its hash, the file before counts; after that this one, whatever it is called.
         storage.write_json(new := _new(path), content)
         try:
-            roster.keep_facts(participant, _sha256(content))
+            roster.append(Facts, participant=participant, file_sha256=_sha256(content))
         except RosterError:
             new.unlink()
             raise

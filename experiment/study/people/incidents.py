@@ -51,7 +51,7 @@ def report(
         what = "got a text of an incident that cannot go on record"
         raise RosterError(what, allowed=f"one line of 1 to 400 characters, {VISIBLE}") from error
     check_days(incident.happened_on, informed_on, today)
-    roster.report(incident)
+    roster.append(Incident, **incident.model_dump())
     return incident
 
 
@@ -60,7 +60,7 @@ def inform(root: Path, number: int, informed_on: date) -> Incident:
     roster = Roster.continued(storage.roster_path(root))
     for one in roster.incidents[number - 1 : number]:
         check_days(one.happened_on, informed_on, roster.known_day(day(wall_ns())))
-    roster.inform(Informed(number=number, informed_on=informed_on))
+    roster.append(Informed, number=number, informed_on=informed_on)
     return roster.incidents[number - 1]
 
 

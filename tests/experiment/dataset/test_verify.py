@@ -21,7 +21,7 @@ from palpate.experiment.errors import DatasetError, OtherFormat, Remedy
 from palpate.experiment.protocol import approval
 from palpate.experiment.records import chain
 from palpate.experiment.study.people import enrolling
-from palpate.experiment.study.roster import Roster
+from palpate.experiment.study.roster import Revealed, Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.anchors import forge
@@ -426,7 +426,7 @@ def test_a_roster_that_was_cut_is_told_once(study: MadeStudy) -> None:
 def test_a_clock_that_went_back_is_told(study: MadeStudy) -> None:
     roster = Roster.load(storage.roster_path(study.root))
     roster.now_ns = lambda: 0
-    roster.reveal("01", date(1970, 1, 1))
+    roster.append(Revealed, participant="01", revealed_on=date(1970, 1, 1))
     told = {finding.place(): finding.clause() for finding in verify(study.root).findings}
     assert "a line is older than the one before it" in told["sourcedata/roster.jsonl"]
 

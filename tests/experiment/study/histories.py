@@ -144,16 +144,16 @@ class World:
         self.patch.setattr(files, "load", lambda path: _read_version(path.read_bytes()))
         self.patch.setattr(approval, "sha256", cache(approval.sha256))
         self.patch.setattr(load, "_document", _document_of(load._document))
-        for module in (enrolment, amendment, incidents):
+        for module in (enrolment, enrolling, amendment, incidents):
             self.patch.setattr(module, "wall_ns", self.now_ns)
-        append = Roster._append
+        append = Roster.append
 
         def stamped(roster: Roster, kind: Any, /, **facts: object) -> None:
             roster.now_ns = self.now_ns
             append(roster, kind, **facts)
             self.line_on = self.day
 
-        self.patch.setattr(Roster, "_append", stamped)
+        self.patch.setattr(Roster, "append", stamped)
         self.write_version(0)
         self.seal(BEGIN, BEGIN + timedelta(days=150))
         self.model.approvals.append((0, self.beside(), BEGIN, BEGIN + timedelta(days=150), "old", False))

@@ -180,7 +180,7 @@ def test_nobody_changes_the_order_of_tasks_of_somebody_enrolled(study: MadeStudy
 def test_a_study_is_suspended_lifted_and_ended_in_this_order(study: MadeStudy) -> None:
     roster = Roster.load(storage.roster_path(study.root))
     with pytest.raises(RosterError, match="not suspended"):
-        roster.stop(Stopped(kind="lifted", from_on=BEGIN, reason="letter"))
+        roster.append(Stopped, kind="lifted", from_on=BEGIN, reason="letter")
     for kind, day in (("suspended", 1), ("lifted", 3), ("ended", 9)):
         on = BEGIN + timedelta(days=day)
         amendment.stop(study.file, kind, on, "letter of the board", root=study.root)  # type: ignore[arg-type]

@@ -22,7 +22,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.records import chain
 from palpate.experiment.study import people, privacy, withdrawal
 from palpate.experiment.study.people import keeping
-from palpate.experiment.study.roster import Roster
+from palpate.experiment.study.roster import Revealed, Roster
 from tests.approved import Refuses, anywhere
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -357,7 +357,7 @@ def test_a_clock_that_is_behind_the_roster_is_told_before_a_line_is_added(
 ) -> None:
     roster = Roster.load(storage.roster_path(study.root))
     roster.now_ns = lambda: 4_000_000_000 * 10**9
-    roster.reveal("01", date(2096, 10, 2))
+    roster.append(Revealed, participant="01", revealed_on=date(2096, 10, 2))
     code, _, err = palpate("enrol", study.file, "-p", "03", "--consent-on", DAY, "--dataset", study.root)
     assert code == 0
     assert "2096-10-02" in err

@@ -23,6 +23,7 @@ from palpate.experiment.errors import DatasetError, PalpateError, Remedy, Roster
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.asked import Fact
 from palpate.experiment.study import enrolment, privacy, withdrawal
+from palpate.experiment.study.lines import Facts
 from palpate.experiment.study.people import enrolling, facts
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses
@@ -159,15 +160,15 @@ class Killed(BaseException):
 def test_a_kill_before_or_after_the_line_of_the_roster_loses_no_answer(
     study: MadeStudy, monkeypatch: pytest.MonkeyPatch, recorded: bool
 ) -> None:
-    keep = Roster.keep_facts
+    append = Roster.append
 
-    def keep_and_die(self: Roster, participant: str, sha256: str) -> None:
+    def append_and_die(self: Roster, kind: Any, /, **told: object) -> None:
         if recorded:
-            keep(self, participant, sha256)
+            append(self, kind, **told)
         raise Killed
 
     with monkeypatch.context() as dying:
-        dying.setattr(Roster, "keep_facts", keep_and_die)
+        dying.setattr(Roster, "append", append_and_die)
         with pytest.raises(Killed):
             facts.record(study.file, "01", {"experience": "2"}, root=study.root)
     build.build(study.root)
@@ -189,7 +190,9 @@ def test_answers_are_to_a_version_on_record_and_unknown_ones_are_left_out_of_the
     path = storage.facts_path(study.root, "01")
     content = storage.json_of(path.read_bytes())
     storage.write_json(path, {**content, "answers": {**content["answers"], "income": "a lot"}})
-    Roster.continued(storage.roster_path(study.root)).keep_facts("01", hashlib.sha256(path.read_bytes()).hexdigest())
+    Roster.continued(storage.roster_path(study.root)).append(
+        Facts, participant="01", file_sha256=hashlib.sha256(path.read_bytes()).hexdigest()
+    )
     build.build(study.root)
     assert "income" not in rows(study.root)[0]
     told = verify(study.root)

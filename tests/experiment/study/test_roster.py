@@ -15,7 +15,7 @@ from palpate.experiment.errors import RosterError
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain
-from palpate.experiment.study.roster import Roster
+from palpate.experiment.study.roster import Erased, Revealed, Roster
 from tests.approved import Refuses
 from tests.experiment.protocol.small import changed, document, protocol
 
@@ -165,15 +165,15 @@ def test_what_has_happened_does_not_happen_again(roster: Roster, refuses: Refuse
     with refuses(RosterError):
         roster.consent("01", TODAY)
     with refuses(RosterError):
-        roster.erase("01")
+        roster.append(Erased, participant="01")
     roster.withdraw("01", "asked to stop")
     with refuses(RosterError):
         roster.withdraw("01", "moved away")
     with refuses(RosterError):
         roster.correct("01", TODAY, "the letter says so")
-    roster.erase("01")
+    roster.append(Erased, participant="01")
     with refuses(RosterError):
-        roster.erase("01")
+        roster.append(Erased, participant="01")
     for known in ("01; 02", "01 to 02; 03"):
         said = f"participant '99' is not enrolled; allowed: {known} is the next to be enrolled"
         with pytest.raises(RosterError, match=said):
@@ -228,7 +228,7 @@ def test_a_line_that_could_not_be_read_again_is_not_written(roster: Roster) -> N
     before = roster.path.read_bytes()
     for label in ("half a character: \ud800", "0" * 2**8 + "\udfff"):
         with pytest.raises(RosterError, match="was not written"):
-            roster.reveal(label, TODAY)
+            roster.append(Revealed, participant=label, revealed_on=TODAY)
     roster.now_ns = lambda: 2**63
     with pytest.raises(RosterError, match="was not written"):
         roster.enrol("02", TODAY)

@@ -29,7 +29,7 @@ from palpate.experiment.session.kinds.tapping.trials import ComparisonDevices
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.study import enrolment, withdrawal
 from palpate.experiment.study.people import enrolling
-from palpate.experiment.study.roster import Roster
+from palpate.experiment.study.roster import Revealed, Roster
 from palpate.experiment.study.schedule import allocate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.experiment.protocol.tapping import live_alone
@@ -134,7 +134,7 @@ def _people(folder: Path) -> Clean:
         enrolment.consent(made.file, participant, DAY, root=made.root)
         tasks = {one.participant: one.tasks for one in made.tasks}
         made.run(made.header(participant, tasks[participant][0]))
-    Roster.load(storage.roster_path(made.root)).reveal("01", DAY)
+    Roster.load(storage.roster_path(made.root)).append(Revealed, participant="01", revealed_on=DAY)
     build.build(made.root)
     anchor(made)
     withdrawal.withdraw(made.file, "05", REASON, root=made.root, rebuild=build.build, erase=True)
