@@ -220,7 +220,7 @@ def _anchors(root: Path) -> tuple[str, ...]:
 
 
 def _sealed(plan: Path, protocol: Protocol) -> str:
-    """Return what the seal beside the copy of a protocol says of it."""
+    """Return what the seal beside the copy of a protocol says of it, and which approvals renewed that."""
     from palpate.experiment.protocol import approval
 
     if not approval.seal_path(plan).exists():
@@ -228,7 +228,12 @@ def _sealed(plan: Path, protocol: Protocol) -> str:
     seal = approval.read(plan)
     if seal.protocol_sha256 != approval.sha256(protocol):
         return "the seal beside it is of another version"
-    return f"sealed, approval {seal.approval_number} of {seal.board}, from {seal.approved_on} on"
+    later = [
+        approval.read(one) for one in storage.protocol_paths(plan.parent.parent) if approval.seal_path(one).exists()
+    ]
+    own = [one.approval_number for one in later if one.protocol_sha256 == seal.protocol_sha256]
+    renewed = f", renewed by {', '.join(own[1:])}" if own[1:] else ""
+    return f"sealed, approval {seal.approval_number} of {seal.board}, from {seal.approved_on} on{renewed}"
 
 
 @dataclass(frozen=True)

@@ -213,10 +213,11 @@ def _source(study: Study) -> list[str]:
     known = [part for part in study.parts if part.protocol is not None]
     if not known and len(study.parts) == 1:
         return ["What was planned is not known: the dataset holds no protocol."]
-    several = len(study.parts) > 1
-    return [
-        f"The plan{f' of {part.name}' if several else ''} is sourcedata/protocol.toml; {part.sealed}." for part in known
-    ]
+    several, told = len(study.parts) > 1, []
+    for part in known:
+        file = part.versions[-1].file if part.versions else "protocol.toml"
+        told.append(f"The plan{f' of {part.name}' if several else ''} is sourcedata/{file}; {part.sealed}.")
+    return told
 
 
 def _tests(study: Study, done: Callable[[PlannedTest], str], estimates: Container[str]) -> Iterator[Record]:

@@ -8,7 +8,7 @@ import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import ProtocolFile, StudyFolder, a_day
-from palpate.experiment.errors import PalpateError, RosterError
+from palpate.experiment.errors import DatasetError, PalpateError, Remedy, RosterError
 
 if TYPE_CHECKING:
     from palpate.experiment.study.lines import IncidentKind, TookPart
@@ -59,8 +59,7 @@ def amend(
     the suspension, or ended the study. Nobody is run or enrolled while it is suspended, and never after its end, which
     cannot be undone: the command asks before it records that.
     """
-    from palpate.experiment import storage
-    from palpate.experiment.dataset import build, checks
+    from palpate.experiment.dataset import checks
     from palpate.experiment.study import amendment, enrolment
 
     root = enrolment.study_begun(protocol_file, dataset)
@@ -75,14 +74,17 @@ def amend(
             what = "got --in-progress, --reconsent, --from or --html beside a suspension, its lift or an end"
             raise RosterError(what, remedy="leave them out: they are of an amendment or a renewal")
         ((kind, on),) = given
+        if kind != "suspended":
+            checks.load_sound(root)
         if kind == "ended" and not yes:
             asked = f"This ends the study from {on} on, for good: no session is run, and nothing lifts it."
             options.confirm(asked, "end", "nothing was recorded")
         words = {"suspended": "suspended", "lifted": "no longer suspended", "ended": "ended"}[kind]
         path = amendment.stop(protocol_file, kind, on, reason or "", root=root)  # type: ignore[arg-type]
         typer.echo(f"The study is {words} from {on} on: {path}")
-        _tell_anchor(root)
+        _follow_up(root)
         return
+    checks.load_sound(root)
     again = None if reconsent is None else reconsent == "everybody"
     planned = amendment.plan_approval(
         protocol_file, root=root, from_on=from_on, in_progress=in_progress, reconsent=again
@@ -90,17 +92,18 @@ def amend(
     renewal = _show(protocol_file, root, page_file)
     if not renewal and (in_progress is None or reconsent is None):
         what = "this is an amendment, and the board decides how those who have begun finish and who consents again"
-        raise RosterError(what, remedy="give --in-progress and --reconsent as its letter says")
+        words = "choose as its letter says (old, session or new; everybody or nobody): {}"
+        chosen = ("--in-progress", in_progress or "WHICH", "--reconsent", reconsent or "WHO", "--dataset", str(root))
+        command = ("palpate", "amend", str(protocol_file), *chosen)
+        raise RosterError(what, remedy=Remedy(words, command, suffices=False))
     noun = "renewal" if renewal else "amendment"
     if not yes:
         asked = f"This records the {noun} as approval {planned.number}, from {planned.from_on} to {planned.expires_on}."
         options.confirm(asked, "amend", "nothing was recorded")
     kept = amendment.record(protocol_file, planned, root=root)
     typer.echo(f"The {noun} is approval {planned.number}, from {planned.from_on} to {planned.expires_on}: {kept}")
-    if storage.journals(root):
-        build.build(root)
     _tell_consent(protocol_file, root, planned.from_on)
-    _tell_anchor(root)
+    _follow_up(root)
 
 
 def _show(protocol_file: Path, root: Path, page_file: Path | None) -> bool:
@@ -178,7 +181,7 @@ def incident(
     gets a new one (`palpate enrol`), to which --took-part moves sessions of their own.
     """
     from palpate.experiment import storage
-    from palpate.experiment.dataset import build, checks
+    from palpate.experiment.dataset import checks
     from palpate.experiment.protocol import files
     from palpate.experiment.study import enrolment
     from palpate.experiment.study.people import incidents
@@ -210,9 +213,7 @@ def incident(
     else:
         what = "give --adverse or --deviation with --done, or --number with --informed-on, or none of them"
         raise RosterError(what)
-    if storage.journals(root):
-        build.build(root)
-    _tell_anchor(root)
+    _follow_up(root)
 
 
 def _took_part(root: Path, given: tuple[str | None, str | None, str | None], *, exchanged: bool) -> "TookPart | None":
@@ -256,6 +257,21 @@ def _note_incident(root: Path, protocol_file: Path, participant: str, took_part:
         options.say(error.sentence())
     which = "that session" if task else "their latest session"
     typer.echo(f"The journal of {which} notes it." if told[0] else "No session of theirs can take a note.")
+
+
+def _follow_up(root: Path) -> None:
+    """Make tables and anchor after a line of the roster; that line stays on record if they cannot be made."""
+    from palpate.experiment import storage
+    from palpate.experiment.dataset import build
+
+    try:
+        if storage.journals(root):
+            build.build(root)
+        _tell_anchor(root)
+    except PalpateError as error:
+        what = "the line of the roster is on record and is not to be given again, but tables and anchor were not made"
+        mend = Remedy("mend that, then run {}", ("palpate", "build", str(root)), suffices=False)
+        raise error.followed_by(DatasetError(root, what, mend)) from error
 
 
 def _tell_anchor(root: Path) -> None:

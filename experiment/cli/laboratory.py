@@ -53,8 +53,8 @@ def _check_roster(protocol_file: Path, dataset: Path | None, *, pilot: bool = Fa
     last_ns = checks.check_roster(dataset or enrolment.default_root(files.load(protocol_file), pilot=pilot))
     if wall_ns() < last_ns:
         typer.echo(
-            f"palpate: this machine's clock says {day(wall_ns())}, and the roster's last line is of {day(last_ns)}: "
-            "one of the two is wrong, and days are held against the clock; set it before you go on",
+            f"palpate: this machine's clock ({day(wall_ns())}) is behind the roster's last line ({day(last_ns)}): "
+            "one of the two is wrong; set the clock before you go on",
             err=True,
         )
 
@@ -89,6 +89,7 @@ def enrol(
 
     What the protocol asks of participants ([[asked.people]]) is given with --fact, or asked at a terminal.
     """
+    from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.protocol import files
     from palpate.experiment.protocol.approval import sealing
     from palpate.experiment.study import privacy, roster
@@ -105,7 +106,7 @@ def enrol(
     _record_facts(protocol_file, participant, given, path.parent.parent)
     if warning := privacy.readers_warning(path.parent.parent):
         options.say(f"palpate: {warning}", err=True)
-    if told := sealing.unsealed(protocol_file):
+    if told := sealing.unsealed(protocol_file, day(wall_ns())):
         options.say(f"palpate: {told}", err=True)
 
 

@@ -315,8 +315,11 @@ def _anchors(dataset: Dataset) -> Iterator[Finding]:
 def _erased(dataset: Dataset) -> Iterator[Finding]:
     """Yield what is there of a participant whose data were erased: a kill left it, or a backup brought it back."""
     for participant in sorted(dataset.people.erased):
-        for path in dataset.people.left_of(dataset.root, participant)[:1]:
-            what = f"the data of participant {participant} were erased, as the roster says, and this is here"
+        left = dataset.people.left_of(dataset.root, participant)
+        files = [one for path in left for one in (path, *path.rglob("*")) if not one.is_dir()] or left
+        for path in sorted(files, key=lambda path: (path.suffix != ".jsonl", path.name[:4] != "sub-"))[:1]:
+            these = f"this and {len(files) - 1} other files of theirs are" if len(files) > 1 else "this is"
+            what = f"the data of participant {participant} were erased, as the roster says, and {these} here"
             yield Finding(what, path, remedy=finish_withdrawal(dataset.root, dataset.people, participant))
 
 

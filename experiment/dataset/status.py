@@ -23,6 +23,7 @@ from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.study import amendment, enrolment, privacy
 from palpate.experiment.study.lines import Incident
 from palpate.experiment.study.people import enrolling
+from palpate.experiment.study.roster import Roster
 
 COLUMNS = 80
 """Width of the screen, characters."""
@@ -107,6 +108,7 @@ class Status:
     participant whom the rules exclude; None if unknown. `doubts` question the evidence, `reminders` need action.
     `to_enrol` is the next label. `revealed` gives the days of `palpate schedule --reveal`, `keep_until` the last day on
     which the data of each may be kept, where the protocol limits it. `incidents` are adverse events and deviations.
+    `retired` has labels that people gave up, which are not in `people`, and the label that each has instead.
     """
 
     root: Path
@@ -125,6 +127,7 @@ class Status:
     excluded: Mapping[str, str] | None = field(default_factory=dict)
     keep_until: Mapping[str, date] = field(default_factory=dict)
     incidents: tuple[Incident, ...] = ()
+    retired: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def heading(self) -> str:
@@ -174,6 +177,7 @@ class Status:
             "enrolled": len(self.people),
             **{state.replace(" ", "_"): [one.participant for one in self.those(state)] for state in STATES},
             "erased": sorted(self.erased),
+            "retired": dict(self.retired),
             "revealed": {who: day.isoformat() for who, day in self.revealed.items()},
             "excluded": self.excluded,
             "keep_until": {who: day.isoformat() for who, day in self.keep_until.items()},
@@ -212,6 +216,7 @@ class Status:
                 "",
                 *self._table(),
                 *_listed("Groups:", [f"{name}: {_states(counts)}" for name, counts in self.groups().items()]),
+                *_listed("Labels given up:", [f"{old}, now {new}." for old, new in self.retired.items()]),
                 *_listed("Revealed before a session:", [f"{who}, on {day}." for who, day in self.revealed.items()]),
                 *_listed("Under way:", [one.standing for one in under_way]),
                 *_listed("Next:", come),
@@ -295,7 +300,8 @@ def status(given: Path, today: date) -> Status:
     known, protocol = dataset.roster, dataset.protocol
     sound = {path for path, _ in dataset.sessions}
     people: list[Person] = []
-    for participant in dataset.tasks if known is None else known.consent_on:
+    retired = _retired(known) if known is not None else {}
+    for participant in dataset.tasks if known is None else [one for one in known.consent_on if one not in retired]:
         order = dataset.tasks.get(participant, ())
         own = [*dataset.people.journals_of(root, participant, order).values()]
         begun = tuple(progress(journal.read(path).entries) for path in own if path in sound)
@@ -335,7 +341,20 @@ def status(given: Path, today: date) -> Status:
         ),
         keep_until=keep_until,
         incidents=tuple(known.incidents if known else ()),
+        retired=retired,
     )
+
+
+def _retired(known: Roster) -> dict[str, str]:
+    """Return the labels that people gave up, and that of each afterwards, for which their sessions count."""
+    gone, later = set[str](), set[tuple[str, str]]()
+    for link in known.lines.links:
+        kind, who = link.entry["kind"], str(link.entry.get("participant"))
+        if kind == "withdrawn":
+            gone.add(who)
+        elif kind in ("enrolled", "replacing"):
+            later.update((label, who) for label in gone)
+    return {label: who for (label, _), who in known.took_part.items() if (label, who) in later}
 
 
 def _seal(
@@ -361,6 +380,8 @@ def _seal(
         seal = approval.verify(file, version, today)
     except ProtocolError:
         words, replaces = "Have the protocol approved and sealed: {}", approval.seal_path(file).exists()
+        if known is not None:
+            words = "Have the approval renewed, seal the protocol again ({}), then run palpate amend"
         seal_it = approval.seal_again(protocol_file or Path("PROTOCOL"), words, *(["--replace"] if replaces else []))
         return told, [*wanted, Finding("", remedy=seal_it)]
     if seal.expires_on - today <= SOON:
@@ -391,16 +412,19 @@ def _reconsent(root: Path, dataset: Dataset, today: date) -> Iterator[Finding]:
     if dataset.roster is None or dataset.approvals is None:
         return
     on = dataset.roster.known_day(today)
-    for who in amendment.to_reconsent(root, dataset.approvals, dataset.roster, on):
+    if left := amendment.to_reconsent(root, dataset.approvals, dataset.roster, on):
         file = storage.protocol_path(root, dataset.approvals.version_on(on))
-        given = ("--participant", who, "--consent-on", "DAY", "--dataset", str(root))
-        words = f"Participant {who} consents to the amendment before their next session: {{}}"
-        yield Finding("", remedy=Remedy(words, ("palpate", "consent", str(file), *given)))
+        given = ("--participant", left[0], "--consent-on", "DAY", "--dataset", str(root))
+        remedy = Remedy("{}", ("palpate", "consent", str(file), *given), suffices=len(left) == 1)
+        yield Finding(f"Consent to the amendment, before their next session: {_people(left)}", remedy=remedy)
 
 
 def _reminders(root: Path, dataset: Dataset, people: list[Person], today: date) -> Iterator[Finding]:
     asked = dataset.roster.consent_on if dataset.roster and dataset.protocol.consent.required else {}
     on = today if dataset.roster is None else dataset.roster.known_day(today)
+    if on > today:
+        what = f"This machine's clock shows {today}, and the roster's last line is of {on}"
+        yield Finding(what, remedy="set the clock before the next session")
     for one in people:
         if one.state == "to begin" and asked.get(one.participant, date.min) is None:
             words = f"Record the consent of participant {one.participant} before their session: {{}}"
@@ -414,6 +438,9 @@ def _reminders(root: Path, dataset: Dataset, people: list[Person], today: date) 
                 f"Participant {one.participant}: the session of task {one.task.header.task} has no end on record. "
                 f"Unless it is running now, it was cut off; {again} goes on with it."
             )
+    for stop in () if dataset.approvals is None else dataset.approvals.stops:
+        if stop.from_on > on:
+            yield Finding(f"From {stop.from_on} on the study is {stop.kind}: {stop.reason}.")
     yield from _reconsent(root, dataset, today)
     yield from _unasked(root, dataset, people)
     if warning := privacy.readers_warning(root):

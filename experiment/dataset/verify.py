@@ -126,6 +126,7 @@ def verify(
     findings += _without_session(people, there)
     findings = accidents.with_accidents(root, findings)
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
+    kinds = "a shared copy" if storage.shared_path(root).exists() else kinds
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(findings, files, evidence)))
 
 

@@ -61,6 +61,10 @@ def plan_approval(
     if renewal and last.seal_sha256 is None:
         raise RosterError("no session has begun, so this seal needs no record", remedy="begin the first session")
     today = roster.known_day(day(wall_ns()))
+    if seal.expires_on < today:
+        what = f"the approval of the seal beside it ended on {seal.expires_on}, before today ({today})"
+        words = "seal the one that the board gave for longer: {}"
+        raise RosterError(protocol_file, what, approval.seal_again(protocol_file, words, "--replace"))
     begins = from_on or max(today, seal.approved_on, last.from_on if last.number > 1 else today)
     if not max(today, seal.approved_on) <= begins <= seal.expires_on:
         what, allowed = f"got {begins} as its first day", f"{max(today, seal.approved_on)} to {seal.expires_on}"

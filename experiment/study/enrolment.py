@@ -181,7 +181,8 @@ def study_begun(protocol_file: Path, root: Path | None) -> Path:
     roster = storage.roster_path(root)
     begun = (storage.protocol_path(root), storage.seed_path(root), roster, chain.head_path(roster))
     if not any(path.exists() for path in begun):
-        raise RosterError(f"no dataset of this study stands at {root}", remedy="give --dataset")
+        first = Remedy("give its folder with --dataset, or begin one: {}", ("palpate", "enrol", str(protocol_file)))
+        raise RosterError(f"the folder {root} has no dataset of this study", remedy=first)
     return root
 
 

@@ -40,11 +40,11 @@ def readers_warning(dataset: Path) -> str:
 
 
 _KNOWN = re.compile(
-    r"""(README|\.gitattributes|dataset_description\.json|participants\.(tsv|json)|phenotype/\w+\.(tsv|json)|(stimuli|derivatives)/.*
+    r"""(README|\.gitattributes|dataset_description\.json|participants\.(tsv|json)|phenotype/\w+\.(tsv|json)|stimuli/(?!(.*/)?\.(_|DS_Store)).*|derivatives/.*
     |sub-(?P<of>\w+)/beh/sub-(?P=of)_task-\w+_(events|recording-\w+_physio)\.(tsv|tsv\.gz|json)
     |sourcedata/(protocol(-\d+)?(\.seal)?\.toml|(seed|rehearsal|shared)\.json|roster\.(jsonl|head)|anchors\.log|README|\w+\.csv
         |\.roster\.jsonl\.lock|\.study\.lock
-        |sub-(?P<who>\w+)/(\.sub-(?P=who)\.lock|sub-(?P=who)_(withdrawn|shared|facts(\.new)?)\.json|voices/[\w.-]+|[\w-]+\.(csv|toml)
+        |sub-(?P<who>\w+)/(\.sub-(?P=who)\.lock|sub-(?P=who)_(withdrawn|shared|facts(\.new)?)\.json|voices/(?!\._)[\w.-]+|[\w-]+\.(csv|toml)
             |sub-(?P=who)_task-\w+_(journal\.(jsonl|head)|foot\.cobs|force\.bin))))""",
     re.VERBOSE | re.DOTALL,
 )

@@ -534,9 +534,10 @@ class Roster:
                 what = f"approval {entry.number} from {entry.from_on} is not the next one"
                 raise RosterError(what, allowed=f"{len(self.approved) + 2}, from {least} on")
         elif entry.kind == "lifted" and stop is None:
-            raise RosterError(f"the study is not suspended on {entry.from_on}")
+            what = f"the study is not suspended on {entry.from_on}, so there is nothing to lift"
+            raise RosterError(what, remedy="palpate status shows what is on record")
         elif entry.kind == "suspended" and stop is not None:
-            raise RosterError(f"the study is suspended from {stop.from_on} on already")
+            raise RosterError(f"the study is suspended from {stop.from_on} on already", remedy="nothing is left to do")
 
     def check_enrolled(self, participant: str) -> None:
         """Return when `participant` is enrolled. Raises `RosterError` otherwise."""

@@ -82,7 +82,7 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
     problems = changes(protocol_path, protocol, seal)
     if today < seal.approved_on:
         allowed = f"no later than today ({today})"
-        problems.append(mismatch("approved_on", None, str(seal.approved_on), allowed, "wait"))
+        problems.append(mismatch("approved_on", None, str(seal.approved_on), allowed, "wait, or set the clock"))
     if today > seal.expires_on:
         allowed, remedy = f"no earlier than today ({today}): the approval has expired", "have it renewed and seal again"
         problems.append(mismatch("expires_on", None, str(seal.expires_on), allowed, remedy))

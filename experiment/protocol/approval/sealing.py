@@ -86,14 +86,15 @@ def write(
     return seal
 
 
-def unsealed(protocol_file: Path) -> str:
-    """Return what to tell of a protocol under which somebody was enrolled before it was sealed; nothing otherwise."""
-    if seal_path(protocol_file).exists():
-        return ""
-    return (
-        "the protocol is not sealed. No session begins before it is. The dataset follows changes of the protocol until "
-        "somebody consents"
-    )
+def unsealed(protocol_file: Path, today: date) -> str:
+    """Return what to tell of a protocol under which somebody was enrolled without a seal that is valid `today`."""
+    if not seal_path(protocol_file).exists():
+        return (
+            "the protocol is not sealed. No session begins before it is. The dataset follows changes of the protocol "
+            "until somebody consents"
+        )
+    ended = read(protocol_file).expires_on
+    return f"the approval ended on {ended}. No session begins before it is renewed" if ended < today else ""
 
 
 def replaced(protocol_path: Path, protocol: Protocol) -> str:

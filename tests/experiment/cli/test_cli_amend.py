@@ -14,10 +14,11 @@ from syrupy.assertion import SnapshotAssertion
 import palpate as library
 from palpate.experiment import storage
 from palpate.experiment.dataset import status, verify
-from palpate.experiment.errors import PalpateError, Remedy
+from palpate.experiment.errors import PalpateError, Remedy, RosterError
 from palpate.experiment.protocol import files
 from palpate.experiment.study import amendment
 from palpate.experiment.study.admission import admit
+from palpate.experiment.study.roster import Roster
 from tests.approved import anywhere
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
@@ -56,10 +57,9 @@ def changed(study: MadeStudy, palpate: Palpate) -> tuple[object, ...]:
 
 def to_consent(study: MadeStudy, today: date) -> list[str]:
     """Whom a reminder names who has to consent to an amendment."""
-    commands = [
-        one.remedy.command for one in status.status(study.root, today).reminders if isinstance(one.remedy, Remedy)
-    ]
-    return [command[command.index("--participant") + 1] for command in commands if command[1] == "consent"]
+    reminders = status.status(study.root, today).reminders
+    found = [one for one in reminders if isinstance(one.remedy, Remedy) and one.remedy.command[1] == "consent"]
+    return [label for one in found for label in re.findall(r"\b\d\d\b", one.what)]
 
 
 def test_a_study_is_amended_after_it_was_shown_what_differs(
@@ -167,3 +167,31 @@ def test_an_end_is_asked_about_and_a_choice_beside_it_refused(
     monkeypatch.setattr("builtins.input", lambda _: "end")
     assert palpate(*end)[0] == 0
     assert [one.kind for one in amendment.known_approvals(study.file, study.root)[1].stopped] == ["ended"]
+
+
+def test_a_suspension_alone_is_recorded_of_a_dataset_that_is_damaged(study: MadeStudy, palpate: Palpate) -> None:
+    amend, (path, *_) = changed(study, palpate), storage.journals(study.root)
+    path.write_bytes(path.read_bytes().replace(b'"answered"', b'"answereD"', 1))
+    roster = storage.roster_path(study.root)
+    kept = roster.read_bytes()
+    letter, today = ("--reason", "letter"), date.today()
+    assert palpate(*amend, "--in-progress", "old", "--reconsent", "nobody", "--yes")[0] == 2
+    assert palpate(*amend, "--ended-on", today, *letter, "--yes")[0] == 2
+    assert roster.read_bytes() == kept
+    assert palpate(*amend, "--suspended-on", today, *letter)[0] == 2
+    assert [one.kind for one in Roster.load(roster).stopped] == ["suspended"]
+    told = ("--deviation", "door open", "--done", "closed it", "--dataset", study.root)
+    assert palpate("incident", study.file, *told)[0] == 2
+    assert len(Roster.load(roster).incidents) == 1
+
+
+def test_a_seal_that_has_expired_renews_nothing(study: MadeStudy, palpate: Palpate) -> None:
+    today = date.today()
+    days = ("--approved-on", today - timedelta(9), "--expires-on", today - timedelta(1))
+    assert palpate("seal", study.file, "--approval-number", "9", *days, "--replace", "--yes")[0] == 0
+    with pytest.raises(RosterError) as refused:
+        amendment.plan_approval(study.file, root=study.root)
+    assert isinstance(refused.value.finding.remedy, Remedy)
+    assert refused.value.finding.remedy.command[1] == "seal"
+    code, _, err = palpate("enrol", study.file, "-p", "04", "--dataset", study.root)
+    assert (code, str(today - timedelta(1)) in err) == (0, True)

@@ -107,6 +107,10 @@ def test_what_a_backup_brings_back_is_refused_until_it_is_erased_again(made: Mad
     for check in (build.build, tables.check_tables):
         with pytest.raises(DatasetError, match="the data of participant 02 were erased, as the roster says"):
             check(study.root)
+    (found,) = [one for one in checks.findings(checks.load(study.root)) if one.check == "erased"]
+    files = [one for one in (study.root / "sourcedata" / "sub-02").iterdir() if one.name[0] != "."]
+    assert Path(found.where).name.endswith("_journal.jsonl")
+    assert f"this and {len(files) - 2} other files" in found.what
     assert verify(study.root).refused
     erase(study)
     assert erased(study)

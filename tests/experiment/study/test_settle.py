@@ -54,7 +54,7 @@ def test_from_another_folder_the_place_is_named_where_no_dataset_stands(
     code, out, err = palpate(*command.split(), protocol_file, "-p", "01", *more)
     place = enrolment.default_root(files.load(protocol_file))
     assert (code, out) == (2, "")
-    assert (err.count("\n"), err.endswith(f" {place}; give --dataset\n")) == (1, True)
+    assert (err.count("\n"), f" {place} " in err) == (1, True)
     assert [*tmp_path.iterdir()] == [protocol_file]
 
 

@@ -149,8 +149,12 @@ def test_lost_modes_are_said(root: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_what_macos_leaves_stops_no_session_and_no_analysis(root: Path) -> None:
-    for path in (root / f"{JOURNAL}.jsonl", root / "sub-01/beh/sub-01_task-virtual_events.tsv"):
-        apple(path)
+    beside = ("sub-01/beh/sub-01_task-virtual_events.tsv", "sourcedata/sub-01/voices/a.wav", "stimuli/recordings/a.wav")
+    for name in (f"{JOURNAL}.jsonl", *beside):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        apple(root / name)
+    found = {Path(one.where).name for one in accidents.accidents(root)}
+    assert found == {f"._{Path(name).name}" for name in (f"{JOURNAL}.jsonl", *beside)}
     assert len(checks.load_sound(root).sessions) == 2
     assert len(palpate.read(root).participants) == 2
 
