@@ -54,6 +54,14 @@ def run(
             "[default folder: participants/practice-STUDY].",
         ),
     ] = False,
+    repetitions: Annotated[
+        int | None,
+        typer.Option(
+            "--repetitions",
+            min=1,
+            help="With --practice: repeat each stimulus, or pair, so often, or as often as its design allows next.",
+        ),
+    ] = None,
     lines: Annotated[
         bool,
         typer.Option(
@@ -106,20 +114,22 @@ def run(
             allowed="both for a session with a participant",
         )
     protocol = files.load(protocol_file)
-    folder, who = dataset or options.default_folder(protocol, practice=practice), participant or "01"
+    folder, who = _folder(protocol, dataset, repetitions, practice=practice), participant or "01"
 
     def once(console: "Console") -> "Footer":
         if practice or rig is None:
             from palpate.experiment.rehearsal import study
+            from palpate.experiment.rehearsal.shorter import shortened
 
-            return study.practise(
-                protocol_file=protocol_file,
-                rig_file=rig or study.simulated_rig(protocol),
-                participant=who,
-                task_id=task,
-                out=dataset,
-                console=console,
-            )
+            with shortened(protocol_file, repetitions) as file:
+                return study.practise(
+                    protocol_file=file,
+                    rig_file=rig or study.simulated_rig(protocol),
+                    participant=who,
+                    task_id=task,
+                    out=folder,
+                    console=console,
+                )
         from palpate.experiment.session import run as visits
 
         return visits.run(
@@ -158,6 +168,14 @@ def run(
         options.say(ending_words(once(console), last=task is None))
     else:
         _attend(folder, who, by)
+
+
+def _folder(protocol: "Protocol", dataset: Path | None, repetitions: int | None, *, practice: bool) -> Path:
+    """Return where a session's dataset stands. Raises `SessionError` for a study with fewer repetitions."""
+    if repetitions and not practice:
+        raise SessionError("got --repetitions", remedy="leave it out", allowed="it with --practice alone")
+    folder = dataset or options.default_folder(protocol, practice=practice)
+    return folder.with_name(f"{folder.name}-{repetitions}-of-each") if repetitions and dataset is None else folder
 
 
 def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practice: bool) -> "View":

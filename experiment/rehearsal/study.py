@@ -48,8 +48,9 @@ PRACTICE_SEED = 1
 WELCOME = """{label}. Nothing here is data of the study.
 Everything is kept in {out}, and every file there says PRACTICE."""
 
-TO_DO = """Participant {participant}, task {task}. You are the experimenter. Where something is to be laid out, press
-Enter. Familiarisation may end at once, and no break is waited for. {answers} Ctrl-C pauses."""
+TO_DO = """Participant {participant}, task {task}, {left} trials (fewer: --repetitions). You are the experimenter.
+Where something is to be laid out, press Enter. Familiarisation may end at once, and no break is waited for. {answers}
+Ctrl-C pauses."""
 
 SAYS = "In each trial the simulated participant says an answer: choose its key, and confirm it."
 PRESSES = "The simulated participant answers every trial alone: there is nothing to confirm."
@@ -178,17 +179,16 @@ def practice_folder(protocol: Protocol) -> Path:
 
 
 def practise(
-    *, protocol_file: Path, rig_file: Path, participant: str, task_id: str | None, out: Path | None, console: Console
+    *, protocol_file: Path, rig_file: Path, participant: str, task_id: str | None, out: Path, console: Console
 ) -> Footer:
     """Have an experimenter at `console` practice a session with a simulated participant, and return its footer.
 
-    `out` is made or continued; None is a folder under `participants/` named after the study. `task_id` None is for all
-    incomplete tasks. Raises as `rehearse`, and `RosterError` for an unknown participant or task.
+    `out` is made or continued. `task_id` None is for all incomplete tasks. Raises as `rehearse`, and `RosterError` for
+    an unknown participant or task.
     """
     protocol = files.load(protocol_file)
     rig = _simulated_rig(rig_file, protocol)
     allocation = find_allocation(allocate(protocol, PRACTICE_SEED), participant)
-    out = out or practice_folder(protocol)
     job = Job(out.resolve(), participant, allocation.tasks, PRACTICE_SEED, "none", real_time=True)
     plan = Plan(
         label="PRACTICE",
@@ -212,6 +212,7 @@ def practise(
                 allowed=", ".join(left),
             )
         facts = {"label": build.LABELS["PRACTICE"], "participant": participant, "task": tasks[0], "out": out}
+        facts["left"] = left[tasks[0]]
         facts["answers"] = SAYS if protocol.answers.mode == "oral" else PRESSES
         for said in filter(None, (WELCOME.format(**facts), generic(protocol), TO_DO.format(**facts))):
             console.tell(Notice(said))

@@ -158,6 +158,15 @@ def test_a_new_study_of_five_materials_is_practised_and_has_its_tables(
     assert [name for name in KEYS if name not in tables] == []
 
 
+def test_fewer_trials_are_practised_in_a_folder_of_their_own(tmp_path: Path, study: Path) -> None:
+    code, screen = practise(tmp_path, "small.toml", "--task", "one", "--repetitions", "1", stop_after=2)
+    assert (code, "complete: 2 answers" in screen) == (0, True), screen
+    root = tmp_path / "participants" / "practice-small-1-of-each"
+    assert len(journal.read(storage.journal_path(root, "01", "one")).header.order) == 2
+    assert verify(root).refused == 0
+    assert not (root.parent / "practice-small").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "refused"),
     [
@@ -167,6 +176,7 @@ def test_a_new_study_of_five_materials_is_practised_and_has_its_tables(
         (["--practice", "--rig", "rig.toml"], "rig.toml: is a real rig"),
         (["--practice", "--dataset", "."], "is no dataset of practice, and practice never writes into anything else"),
         ([], "got no --participant or no --rig"),
+        (["-p", "01", "--rig", "rig.toml", "--repetitions", "1"], "got --repetitions"),
     ],
 )
 def test_what_cannot_be_practised_is_refused_and_leaves_nothing(
