@@ -410,7 +410,7 @@ def _companion_doubts(protocol_file: Path, protocol: "Protocol") -> "list[Findin
     from palpate.experiment.errors import ProtocolError
     from palpate.experiment.session.kind import session_kind
 
-    found = list(session_kind(protocol.tasks[0]).companions(protocol)) if protocol.companions else []
+    found = list(session_kind(protocol.tasks[0]).companions(protocol))
     if refused := [one for one in found if one.refuses]:
         raise ProtocolError.in_file(protocol_file, refused)
     return found

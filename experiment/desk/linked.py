@@ -385,7 +385,7 @@ class LinkedConsole:
                 self._now(state="preparing", **_standing(self._session))
             self._session, self._repeated, self._armed = session, None, None
             silent = session is None or session.gauges() is None
-            self._now(instruction="", again="", masked=self._view.masked and silent)
+            self._now(instruction="", pictures=(), again="", masked=self._view.masked and silent)
             return self._failed or (self._paused_by if self._pausing is not None else "")
 
     def tell(self, event: questions.Event) -> None:
@@ -399,9 +399,9 @@ class LinkedConsole:
                 if step != self._view.step:
                     self.tell(Notice(NEXT.format(step=step)))
                 self._now(step=step, steps=tuple(steps))
-            case questions.Instructed(instruction=instruction, asks=asks):
+            case questions.Instructed(instruction=instruction, asks=asks, pictures=pictures):
                 self.tell(Notice(f"The participant is told: {instruction}"))
-                self._now(instruction=instruction, asks=asks)
+                self._now(instruction=instruction, asks=asks, pictures=pictures)
             case questions.Playing(place=place):
                 self._now(interval=place)
             case questions.Played():

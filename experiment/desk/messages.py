@@ -113,7 +113,8 @@ Show = Literal[
 
 class Prompt(Message):
     """What the participant's screen shows. Nothing in it depends on what is presented. `number` is unique to its look.
-    `text` is the protocol's instruction, `again`: the step before did not count, `interval`: which of several stimuli
+    `text` is the protocol's instruction, which `pictures` follow,
+    `again`: the step before did not count, `interval`: which of several stimuli
     plays, `unplayed`: nothing plays what a masker hides, `asks`: what a trial asks, `answers` are allowed in any trial,
     and given as `mode` says. `keys` answer `question`: those of `answers` in their order where they are chosen here.
     `pace` is of the last step; `lamp` says too fast, None for no lamp. `second`: the second of two virtual surfaces is
@@ -127,6 +128,7 @@ class Prompt(Message):
     show: Show = "wait"
     interval: int | None = None
     text: str = ""
+    pictures: tuple[str, ...] = ()
     again: bool = False
     unplayed: bool = False
     answers: tuple[str, ...] = ()

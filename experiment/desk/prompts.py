@@ -1,9 +1,9 @@
 """What the participant's screen shows of a view: nothing that is presented or laid out passes.
 
 It reads only the state, how answers are given, whether samples are compared or the step is the debriefing, the
-question's kind and keys, the instruction, the last step's pace and whether it counted, whether the hand is too fast,
-its height and place, whether a masker was played, which of several stimuli plays, what a trial asks, the end of a
-break, a fault at the end, the label of a practice, and how many trials are answered, of how many.
+question's kind and keys, the instruction with its pictures, the last step's pace and whether it counted, whether the
+hand is too fast, its height and place, whether a masker was played, which of several stimuli plays, what a trial asks,
+the end of a break, a fault at the end, the label of a practice, and how many trials are answered, of how many.
 """
 
 from collections.abc import Mapping
@@ -35,6 +35,9 @@ AT_QUESTION: dict[str, Show] = {
     "continue": "break",
 }
 """What is shown while the experimenter is asked a question of this kind."""
+
+INSTRUCTED = ("wait", "instructions", "ready", "coming", "compare")
+"""Where the instruction is shown, if there is one."""
 
 LIT = ("instructions", "ready", "coming", "answer", "compare")
 """Where the lamp is shown that says that the hand is too fast."""
@@ -73,7 +76,8 @@ def prompt(view: View, answers: Mapping[str, str]) -> Prompt:
     number, keys = _offered(asked, answers)
     return Prompt(
         show=show,
-        text=view.instruction if show in ("wait", "instructions", "ready", "coming", "compare") else "",
+        text=view.instruction if show in INSTRUCTED else "",
+        pictures=view.pictures if show in INSTRUCTED and view.instruction else (),
         interval=view.interval if show == "coming" else None,
         again=bool(view.again) and show == "ready",
         unplayed=show == "masker" and asked is not None and PROBE_KEY not in {one.key for one in asked.choices},

@@ -368,10 +368,14 @@ class At:
 
 @dataclass(frozen=True)
 class Instructed:
-    """What the participant is told to do, until they have answered a first trial, and what each trial asks them."""
+    """What the participant is told to do, until they have answered a first trial, and what each trial asks them.
+
+    `pictures` are the names of those that follow the instruction.
+    """
 
     instruction: str
     asks: str = ""
+    pictures: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -233,7 +233,8 @@ def alone(path: Path) -> Iterator[None]:
 
 @dataclass(eq=False)
 class Screen:
-    """Shows the prompts of `feed` until the window closes or the session ends; `folder` is where a font is looked for.
+    """Shows the prompts of `feed` until the window closes or the session ends; `folder` is where a font is looked for,
+    and `pictures` are PNG files by name.
 
     A screen that `stays` looks for a session until somebody closes it; another leaves when none comes.
     """
@@ -244,6 +245,7 @@ class Screen:
     folder: Path
     tell: Callable[[str], None]
     stays: bool = field(kw_only=True)
+    pictures: Mapping[str, bytes] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         self._font = self.folder / self.settings.font if self.settings.font else None
@@ -296,7 +298,8 @@ class Screen:
         page, hand_mm = pages.page(prompt, self.settings, wall_ns()), prompt.hand_mm if prompt else None
         if self._page is None or page.text != self._page.text:
             self._part, self._parts = 0, 1
-        page = replace(page, part=self._part)
+        named = prompt.pictures if prompt else ()
+        page = replace(page, part=self._part, pictures=tuple(self.pictures[name] for name in named))
         moved = hand_mm != (self._prompt.hand_mm if self._prompt else None)
         if page != self._page:
             self._drawing = self._drawing or (page, heard, self._artist.submit(self._picture, page))
@@ -353,10 +356,18 @@ def _send(line: Line, deed: Deed) -> None:
         line.send(deed)
 
 
-def show(path: Path, settings: ScreenRig, folder: Path, tell: Callable[[str], None], *, stays: bool) -> None:
+def show(
+    path: Path,
+    settings: ScreenRig,
+    folder: Path,
+    tell: Callable[[str], None],
+    *,
+    stays: bool,
+    pictures: Mapping[str, bytes],
+) -> None:
     """Be the participant's screen of the session at `path`, until it ends, or the window or process is closed.
 
     A screen that `stays` outlives a lost session. `tell` reports a line. Raises `DisplayError` and `LinkError`.
     """
     with alone(path), closing(Window(settings)) as window, closing(Feed(path)) as feed, suppress(KeyboardInterrupt):
-        Screen(feed, window, settings, folder, tell, stays=stays).run()
+        Screen(feed, window, settings, folder, tell, stays=stays, pictures=pictures).run()

@@ -16,6 +16,9 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import read
 
+PNG = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+"""How every PNG file begins and ends (ISO/IEC 15948)."""
+
 LARGEST = 2**26
 """No file beside a protocol's is larger, bytes: minutes of any recording."""
 
@@ -73,12 +76,19 @@ def companion(protocol: Protocol, name: str) -> bytes:
     if (found := hashlib.sha256(content).hexdigest()) != sha256:
         allowed = f"{sha256}, as the protocol says"
         raise ProtocolError.in_file(path, [mismatch("sha256", None, found, allowed, "restore the file")])
+    if path.suffix == ".png" and not (content.startswith(PNG[0]) and content.endswith(PNG[1])):
+        raise ProtocolError.in_file(path, [mismatch("file", None, "something else, or a part", "a whole PNG picture")])
     return content
 
 
 def companions(protocol: Protocol) -> dict[str, bytes]:
     """Return the files that stand beside a protocol's, by name. Raises as `companion`."""
     return {name: companion(protocol, name) for name in protocol.companions}
+
+
+def pictures(protocol: Protocol) -> dict[str, bytes]:
+    """Return the pictures of the instructions, by name. Raises as `companion`."""
+    return {one.file: companion(protocol, one.file) for task in protocol.tasks for one in task.pictures or ()}
 
 
 def keep(file: Path, kept: Path) -> None:

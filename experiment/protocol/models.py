@@ -19,7 +19,7 @@ from palpate.experiment.errors import ProtocolError, mismatch
 from palpate.experiment.protocol import rules
 from palpate.experiment.protocol.designs import Design, design_of
 from palpate.experiment.protocol.kinds import Kind
-from palpate.experiment.settings.load import Confined, Key, Label, Line, Name, Remark, Rules, Text
+from palpate.experiment.settings.load import ONE_LINE, Confined, Key, Label, Line, Name, Remark, Rules, Text
 from palpate.experiment.storage import Place
 
 OLDER = (2, 3)
@@ -375,6 +375,22 @@ class Training(Confined):
         return self.trials if self.criterion is None else self.criterion.right
 
 
+class Picture(Confined):
+    """A picture of the instructions, a PNG file beside the protocol's.
+
+    Attributes:
+        file: the name of the file.
+        sha256: its hash, so that the protocol's own hash names one picture.
+    """
+
+    file: Annotated[
+        str,
+        Field(pattern=r"^[^/\\\s.][^/\\\s]*\.png$", description="the name of a .png file in the protocol's folder"),
+        ONE_LINE,
+    ]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints")]
+
+
 class Task(Confined):
     """One task.
 
@@ -386,6 +402,7 @@ class Task(Confined):
             felt. Formats 2 and 3 have none: `footstep` means identification, `comparison` tapping.
         stimulus: synthesized or rendered, or real objects laid out.
         instruction: for the participant.
+        pictures: shown after the instruction.
         question: what their screen asks in each trial, if not the words of the design.
         participants: how many do it, those who enroll first.
         repetitions: of each material, each pair (half in either order), or a detection's block.
@@ -406,6 +423,7 @@ class Task(Confined):
     design: Design = Field(json_schema_extra={"since": 4})
     stimulus: Literal["virtual", "real"]
     instruction: Text
+    pictures: Annotated[tuple[Picture, ...], Field(min_length=1)] | None = _since_7()
     question: Text | None = Field(None, json_schema_extra={"since": 7})
     participants: Annotated[int, Field(ge=1)]
     repetitions: Annotated[int, Field(ge=1, le=1000)]
@@ -625,7 +643,8 @@ class Protocol(Confined):
     @property
     def companions(self) -> Mapping[str, str]:
         """The files that stand beside its own, by name, each with its SHA-256."""
-        return {name: sha256 for task in self.tasks for name, sha256 in self.kind_table(task).companions.items()}
+        own = {name: sha256 for task in self.tasks for name, sha256 in self.kind_table(task).companions.items()}
+        return own | {one.file: one.sha256 for task in self.tasks for one in task.pictures or ()}
 
     def find(self, model: type[Table]) -> Table | None:
         """Return the table of a kind or a design; None in a study that has none."""

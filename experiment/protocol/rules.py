@@ -181,6 +181,7 @@ def protocol(table: Table) -> Iterator[Broken]:
     unless they are `constant`.
 
     A task with `control` is a virtual identification, of a virtual task that is none; no planned test names it.
+    A file of `pictures` has one `sha256`.
 
     Each of `[[asked.people]]` and `[[asked.questionnaires]]` has an id of its own, and so has each item of one; a
     questionnaire names a task. `sharing.facts` are ids of people's facts that are no text, and numbers among them have
@@ -204,6 +205,7 @@ def protocol(table: Table) -> Iterator[Broken]:
     yield from _participants(table)
     yield from _presented(table)
     yield from _task_limits(table)
+    yield from _pictures(table)
     yield from _exclusion_limits(table)
     parts = (table, *(task for _, task in tables_at(table, "tasks")))
     stated = {key for one in parts for key, of in one.items() if of}
@@ -387,6 +389,15 @@ def _task_limits(table: Table) -> Iterator[Broken]:
         if session_min is not None and longest_s is not None and longest_s >= session_min * 60:
             path = ("tasks", i, "familiarisation", "max_s")
             yield Broken(path, f"less than the longest session (exposure.session_min, {session_min * 60} s)")
+
+
+def _pictures(table: Table) -> Iterator[Broken]:
+    hashes: dict[object, object] = {}
+    for i, task in tables_at(table, "tasks"):
+        for j, one in tables_at(task, "pictures"):
+            if (first := hashes.setdefault(one.get("file"), one.get("sha256"))) != one.get("sha256"):
+                place = ("tasks", i, "pictures", j, "sha256")
+                yield Broken(place, f"the same wherever this file is named ({first})")
 
 
 def _exclusion_limits(table: Table) -> Iterator[Broken]:

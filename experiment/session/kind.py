@@ -366,7 +366,8 @@ class SessionKind:
 
     def companions(self, protocol: StudyProtocol) -> Iterable[Finding]:
         """Return what `palpate check` finds of the files that stand beside a protocol."""
-        return cast("Iterable[Finding]", import_module(self.board).companions(protocol)) if protocol.companions else ()
+        own = protocol.kind_table(protocol.tasks[0]).companions
+        return cast("Iterable[Finding]", import_module(self.board).companions(protocol)) if own else ()
 
     def omissions(self, *given: object) -> Iterable[Finding]:
         """Return what `palpate doctor` finds of what a rig leaves out; nothing where no recordings are played."""

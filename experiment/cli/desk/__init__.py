@@ -84,7 +84,8 @@ def screen(
     from palpate.experiment.protocol import files
 
     settings = (rigs.load(rig).screen if rig else None) or ScreenRig()
-    folder = dataset or options.default_folder(files.load(protocol_file), practice=practice)
+    protocol = files.load(protocol_file)
+    folder = dataset or options.default_folder(protocol, practice=practice)
     path = session_at or transport.place(folder, participant)
     screens.show(
         path,
@@ -92,6 +93,7 @@ def screen(
         rig.parent if rig else Path(),
         tell=lambda line: typer.echo(line, err=True),
         stays=session_at is None,
+        pictures=files.pictures(protocol),
     )
 
 

@@ -271,8 +271,8 @@ def _stimuli(root: Path, dataset: Dataset) -> Iterator[str]:
 
 
 def _of_people(version: Protocol) -> set[str]:
-    """Return the names of what stands beside a protocol and is no recording: tables of people."""
-    return {name for name in version.companions if not name.lower().endswith(".wav")}
+    """Return the names of what stands beside a protocol and is no recording or picture: tables of people."""
+    return {name for name in version.companions if not name.lower().endswith((".wav", ".png"))}
 
 
 def _drawn(labels: Sequence[str]) -> dict[str, str]:

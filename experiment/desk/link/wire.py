@@ -117,8 +117,9 @@ class View(Message):
     `step` is where the visit is, one of `steps`. `trial` and `attempt` are under way, with real objects to `lay_out`;
     once it is armed the participant `may` do this. `interval` is which of several stimuli plays, and a trial `asks`
     this, where its design has words for that.
-    `instruction` is the participant's: of the familiarization, then of the task until a first answer. `heard` is the
-    microphone's proposal. `again` says why the step before did not count. `answers` are this task's, once asked for.
+    `instruction` is the participant's: of the familiarization, then of the task, which has `pictures`, until a first
+    answer. `heard` is the microphone's proposal.
+    `again` says why the step before did not count. `answers` are this task's, once asked for.
     `masked`: headphones played a masker in this task. `mode` is the protocol's of answers, and whether the
     participant sees their `progress`; results may be revealed (`reveals`) where the protocol allows it.
     `pause_until_ns` ends a break or a familiarization, ns of the system's clock.
@@ -142,6 +143,7 @@ class View(Message):
     asks: str = ""
     lay_out: str = ""
     instruction: str = ""
+    pictures: tuple[str, ...] = ()
     answers: tuple[Choice, ...] = ()
     heard: str = ""
     again: str = ""

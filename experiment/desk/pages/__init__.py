@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,7 +74,8 @@ _FACE_PX = 230
 class Page:
     """One page: what to do now, a text beside it, a clock, keys with what they do, and the pace of the last step.
 
-    Of a text that is too long one `part` is shown, by its number from 0; `turns` are the keys that go back and on.
+    Of a text that is too long, and of the `pictures` (PNG) after it, one `part` is shown, by its number from 0; `turns`
+    are the keys that go back and on.
     `progress` is answered trials and all. `keys` pairs a key, or nothing, with a text. `options` are answers that can
     be chosen, each in a box (`boxes`).
     `paces` are words and whether each was the last, as for a lamp. With a `block` the hand moves above it (`hand_px`).
@@ -81,6 +83,7 @@ class Page:
 
     now: str
     text: str = ""
+    pictures: tuple[bytes, ...] = ()
     part: int = 0
     clock: str = ""
     progress: tuple[int, int] | None = None
@@ -257,8 +260,8 @@ def _cap(key: str) -> str:
 
 
 def drawn(page: Page, size_px: tuple[int, int], font: Path) -> tuple[Image, int]:
-    """Return a page as a picture of `size_px`, width and height, with the letters of a font file; and in how many parts
-    its text is.
+    """Return a page as a picture of `size_px`, width and height, with the letters of a font file; and how many parts
+    text and pictures have.
     """
     from PIL import Image, ImageDraw
 
@@ -283,21 +286,40 @@ def drawn(page: Page, size_px: tuple[int, int], font: Path) -> tuple[Image, int]
     clock_px = 190 * unit if page.clock else 0.0
     wide, room_px = min(1060 * unit, width - 80 * unit), bottom - 70 * unit - keys_px - clock_px
     gap_px = 30 * unit if page.now and page.text else 0.0
-    now, parts = _laid_out(page, (wide, room_px), gap_px, unit, font)
-    text, turns_px = parts[min(page.part, len(parts) - 1)], TURNS_PX * unit if len(parts) > 1 else 0.0
-    # Every part begins where the first does.
-    used_px = now.height + gap_px + max(part.height for part in parts) + turns_px + clock_px + keys_px
+    illustrated_px = TURNS_PX * unit if page.pictures else 0.0
+    now, parts = _laid_out(page, (wide, room_px - illustrated_px), gap_px, unit, font)
+    count = len(parts) + len(page.pictures)
+    at, turns_px = min(page.part, count - 1), TURNS_PX * unit if count > 1 else 0.0
+    # Every part begins where the first does; a picture takes all the room that there is.
+    tallest_px = max(part.height for part in parts)
+    body_px = max(tallest_px, room_px - now.height - gap_px - turns_px) if page.pictures else tallest_px
+    used_px = now.height + gap_px + body_px + turns_px + clock_px + keys_px
     top = now.draw(draw, width / 2, (70 * unit + bottom - used_px) / 2, TEXT, font) + gap_px
-    text.draw(draw, width / 2, top, TEXT, font)
-    top += max(part.height for part in parts)
+    if at < len(parts):
+        parts[at].draw(draw, width / 2, top + (body_px - tallest_px) / 2, TEXT, font)
+    else:
+        _put(picture, page.pictures[at - len(parts)], (width / 2, top + body_px / 2), (wide, body_px))
+    top += body_px
     if turns_px:
-        said = f"{min(page.part, len(parts) - 1) + 1} / {len(parts)}"
+        said = f"{at + 1} / {count}"
         _draw_turns(draw, said, page.turns, (width / 2, top + turns_px / 2), unit, font)
     top += turns_px
     if page.clock:
         draw.text((width / 2, top + 110 * unit), page.clock, TEXT, typeface(font, 120 * unit), anchor="mm")
     _draw_keys(draw, page, width / 2, top + clock_px + 30 * unit, unit, font)
-    return picture, len(parts)
+    return picture, count
+
+
+def _put(page: Image, png: bytes, centre: tuple[float, float], room: tuple[float, float]) -> None:
+    """Put a picture on a page around a centre, as large as fits in `room`, width and height, pixels."""
+    from PIL import Image
+
+    with Image.open(BytesIO(png)) as opened:
+        picture = opened.convert("RGBA")
+    scale = min(room[0] / picture.width, room[1] / picture.height)
+    size_px = max(1, round(picture.width * scale)), max(1, round(picture.height * scale))
+    shown = picture.resize(size_px, Image.Resampling.LANCZOS)
+    page.paste(shown, (round(centre[0] - size_px[0] / 2), round(centre[1] - size_px[1] / 2)), shown)
 
 
 def _laid_out(

@@ -345,6 +345,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
+            *(("Picture", f"{one.file}, SHA-256 {one.sha256}") for one in task.pictures or ()),
             *((("Asked", Free(protocol.question(task))),) if protocol.question(task) else ()),
             ("Order", _order(task, _noun(protocol))),
             *(_levels().facts(task) if task.levels else ()),

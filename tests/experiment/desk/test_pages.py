@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from PIL import Image
 
 from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
 from palpate.experiment.desk import pages, prompts
@@ -315,6 +317,26 @@ def test_each_part_of_a_text_is_another_picture_with_its_keys_where_they_were(pr
     assert (keys[0] == keys[2]).all()
     assert (first != second).any()
     assert last.tobytes() == beyond.tobytes()
+
+
+@pytest.mark.parametrize("size_px", SIZES_PX)
+@pytest.mark.parametrize("side_px", [(40, 40), (3000, 100), (100, 3000)])
+def test_a_picture_follows_the_text_whole_and_above_its_keys(
+    size_px: tuple[int, int], side_px: tuple[int, int]
+) -> None:
+    red, made = (200, 20, 20), BytesIO()
+    Image.new("RGB", side_px, red).save(made, "PNG")
+    page = replace(pages.page(Prompt(show="ready", text=GERMAN), RIG, 0), pictures=(made.getvalue(),))
+    _, count = pages.drawn(page, size_px, FONT)
+    first, last = (np.asarray(pages.drawn(replace(page, part=n), size_px, FONT)[0]) for n in (0, count - 1))
+    assert count >= 2
+    assert not (first == red).all(axis=2).any()
+    rows, columns = np.nonzero((last == red).all(axis=2))
+    high, wide_px = np.ptp(rows) + 1, np.ptp(columns) + 1
+    assert wide_px / high == pytest.approx(side_px[0] / side_px[1], rel=0.2)
+    keys = [(one == OUTLINE).all(axis=2) for one in (first, last)]
+    assert (keys[0] == keys[1]).all()
+    assert rows.max() < np.flatnonzero(keys[1].any(axis=1)).min()
 
 
 def test_progress_moves_no_text_and_is_drawn_below_it() -> None:

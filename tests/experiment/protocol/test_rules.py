@@ -38,6 +38,7 @@ def with_tasks(count: int) -> dict[str, Any]:
     return {**study, "tasks": tasks}
 
 
+NEWEST = {**document(), "format": 7}
 T = {"test": "t against chance", "tasks": ("one",), "chance": 0.5, "question": "?"}
 PAIRED = {"test": "one-way ANOVA", "tasks": ("one",), "question": "?"}
 SAME = {"test": "equivalence", "margin": 0.1, "question": "?"}
@@ -53,6 +54,11 @@ def presenting(*materials: object, other: tuple[str, ...] = (), analysis: dict[s
 
 
 BROKEN = [
+    (
+        changed(NEWEST, ("tasks", 1, "pictures"), tuple({"file": "foot.png", "sha256": 64 * one} for one in "ab")),
+        "tasks[1].pictures[1].sha256",
+        "the same wherever",
+    ),
     *(
         (presenting(*wrong), "tasks[0].materials", "some of the protocol's, each once, in their order: felt, cork")
         for wrong in (("tin",), ("felt", "tin"), ("cork", "felt"), ("cork", "cork"))
