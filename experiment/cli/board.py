@@ -290,7 +290,7 @@ def share(
     It has the participants who agreed to sharing (`palpate consent --sharing`), if the protocol has a table [sharing].
     Labels are drawn anew and times count from the beginning of each session. Journals, voices, days of sessions, notes
     and typed reasons are left out, and so are stimuli without a file stimuli/LICENSE. The size of the smallest group of
-    participants with the same first task and version of the protocol is printed; a smaller one than the protocol allows
+    participants with the same first task, group and version is printed; a smaller one than the protocol allows
     is refused. The copy is a BIDS derivative that `palpate verify` and `palpate analyse` read.
     """
     from palpate.experiment import storage

@@ -36,7 +36,7 @@ from palpate.experiment.rehearsal.session import (
 )
 from palpate.experiment.session import answering
 from palpate.experiment.session.remarks import paused
-from palpate.experiment.session.visit import visit_steps, walk
+from palpate.experiment.session.visit import tell_group, visit_steps, walk
 from palpate.experiment.study.schedule import allocate, find_allocation
 
 OPTIONS = {"REHEARSAL": "--out", "PRACTICE": "--dataset"}
@@ -216,6 +216,7 @@ def practise(
         facts["answers"] = SAYS if protocol.answers.mode == "oral" else PRESSES
         for said in filter(None, (WELCOME.format(**facts), generic(protocol), TO_DO.format(**facts))):
             console.tell(Notice(said))
+        tell_group(console, protocol, allocation)
         desk = Guided(console, first=first)
         practice = _Practice(job, desk)
         footer = walk(console=desk, tasks=tasks, run=practice.session, noting=practice.noting)

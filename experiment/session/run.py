@@ -143,9 +143,7 @@ def prepare(
         console.tell(Notice(build.LABELS["PILOT"]))
     takes = roster.Roster.load(storage.roster_path(root)).takes
     allocation = find_allocation(allocated(protocol, seed, takes), participant)
-    for group in getattr(protocol, "groups", ()):
-        if group.id == allocation.group:
-            console.tell(Notice(f"Group of {participant}: {group.id}. {group.description}"))
+    visit.tell_group(console, protocol, allocation)
     checks.load_sound(root)
     if anchored_in:
         register.check_state(root, anchored_in[0], (protocol.study.id, purpose))

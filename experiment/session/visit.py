@@ -3,9 +3,11 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from palpate.experiment.desk.questions import DEBRIEFING, INTERRUPTED, STOP, Attended, Console, GoOn
+from palpate.experiment.desk.questions import DEBRIEFING, INTERRUPTED, STOP, Attended, Console, GoOn, Notice
 from palpate.experiment.errors import ActuatorError, AudioError, PauseAsked, TrackerError
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Footer
+from palpate.experiment.study.schedule import Allocation
 
 BETWEEN = "The visit is paused; no session is under way."
 """What is said of a pause at a question before a session, or in the break."""
@@ -54,6 +56,13 @@ def _goes_on(console: Console, why: str, noting: Callable[[], Attended | None]) 
         return console.ask(GoOn(why, begun=session is not None)).key != STOP
     finally:
         console.attend(None)
+
+
+def tell_group(console: Console, protocol: Protocol, allocation: Allocation) -> None:
+    """Tell of the group into which a participant was drawn, in a study with groups."""
+    for group in getattr(protocol, "groups", ()):
+        if group.id == allocation.group:
+            console.tell(Notice(f"Group of {allocation.participant}: {group.id}. {group.description}"))
 
 
 def ask_first(console: Console, ask: Callable[[], None]) -> None:

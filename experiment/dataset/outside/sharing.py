@@ -29,6 +29,7 @@ from palpate.experiment.dataset.imports.reconstruction import new_dataset
 from palpate.experiment.dataset.outside import accidents, shared
 from palpate.experiment.errors import DatasetError, Remedy, RosterError
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.designs import groups
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import entries, journal, software
 from palpate.experiment.study.lines import sharing_sha256
@@ -59,7 +60,7 @@ FACTS = ("Format", "Study", "Origin", "Label", "Tasks", "Ordered", "Versions")
 INHERITED = ("InstitutionName", "InstitutionAddress", "InstitutionalDepartmentName", "CogAtlasID", "CogPOID")
 """Keys of an `events.json` at the top that hold for every session (BIDS 1.11, the inheritance principle)."""
 
-ALIKE = "alike in first task, shared facts and version of the protocol"
+ALIKE = "alike in first task, group, shared facts and version of the protocol"
 
 OF_TRACES = ("SamplingFrequency", "StartTime", "Columns", "PhysioType", "TaskName", "Description", "Force")
 
@@ -68,8 +69,8 @@ OF_TRACES = ("SamplingFrequency", "StartTime", "Columns", "PhysioType", "TaskNam
 class Copy:
     """What was shared.
 
-    `participants` are counted, and those who are `absent`, by why. Every participant has the first task and the
-    versions of the protocol of `smallest_group` of them, themselves included. `left_out` are things that were not
+    `participants` are counted, and those who are `absent`, by why. Every participant has the first task, the group and
+    the versions of the protocol of `smallest_group` of them, themselves included. `left_out` are things that were not
     shared, each with the reason. `anchor` is that of the dataset as it was shared.
     """
 
@@ -171,8 +172,9 @@ def _shared_facts(
     dataset: Dataset, rows: Sequence[Mapping[str, str]], described: Mapping[str, Any]
 ) -> tuple[list[dict[str, str]], dict[str, Any]]:
     """Return rows of participants.tsv, and its sidecar, with no more of who somebody is than the protocol shares."""
-    kept = [{name: row[name] for name in OWN} for row in rows]
-    texts = {name: described[name] for name in OWN}
+    columns = (*OWN, *[groups.COLUMN] * any(dataset.groups.values()))
+    kept = [{name: row[name] for name in columns} for row in rows]
+    texts = {name: described[name] for name in columns}
     sharing = dataset.protocol.sharing
     if sharing is not None and sharing.facts:
         known = facts.columns((dataset.protocol,))
@@ -239,7 +241,7 @@ def _absent(roster: Roster, terms: str, label: str, listed: Sequence[str]) -> st
 
 
 def _smallest(rows: Sequence[Mapping[str, str]], versions: Sequence[Mapping[str, Any]]) -> int:
-    """Return how many participants at least have the same first task, facts and versions of the protocol."""
+    """Return how many participants at least have the same first task, group, facts and versions."""
     began = Counter[tuple[str, ...]]()
     for row in rows:
         own = f"{row['participant_id']}_"

@@ -7,7 +7,8 @@ import shutil
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from hypothesis import given
@@ -15,10 +16,14 @@ from hypothesis import strategies as st
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import build, checks
+from palpate.experiment.dataset.outside import sharing
 from palpate.experiment.dataset.status import status
 from palpate.experiment.dataset.verify import verify
+from palpate.experiment.desk.questions import Console
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.session import visit
 from palpate.experiment.settings import load
 from palpate.experiment.study import amendment, enrolment, withdrawal
 from palpate.experiment.study.people import enrolling
@@ -135,3 +140,26 @@ def test_an_amendment_keeps_groups(study: MadeStudy) -> None:
 def test_groups_are_two_or_more_with_names_of_their_own(groups: Any, field: str | None) -> None:
     found = load.find(ProtocolFile, {**changed(document(), ("format",), 7), "groups": groups}, {})
     assert [one.field for one in found] == ([field] if field else [])
+
+
+def test_a_copy_for_others_has_groups_which_count_in_the_smallest(tmp_path: Path) -> None:
+    further = asking(GROUPS, '[sharing]\nstatement = "May your trials be shared?"\nsmallest_group = 1\n')
+    study = make_study(tmp_path / "study", enrolled=4, sessions=4, further=further)
+    described = study.root / "dataset_description.json"
+    described.write_text(json.dumps({**json.loads(described.read_text("utf-8")), "License": "CC0-1.0"}), "utf-8")
+    for label in known(study):
+        enrolling.sharing(study.file, label, True, root=study.root)
+    copy = sharing.share(study.root, tmp_path / "copy")
+    rows = checks.table_rows(copy.root / "participants.tsv")[:-1]
+    assert Counter(row["group"] for row in rows) == {"trained": 2, "not trained": 2}
+    assert copy.smallest_group == 1
+    assert len({(row["group"], row["first_task"]) for row in rows}) == 4
+
+
+def test_whoever_practices_is_told_of_the_group(original: Path) -> None:
+    protocol, told = files.load(original / "study.toml"), list[object]()
+    for one in allocate(protocol, 1):
+        visit.tell_group(cast("Console", SimpleNamespace(tell=told.append)), protocol, one)
+    groups = ("They rest for 20 min", "They practice for 20 min")
+    assert sorted(Counter(any(words in str(one) for words in groups) for one in told).items()) == [(True, len(told))]
+    assert len(told) == protocol.study.participants
