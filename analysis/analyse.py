@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from importlib import import_module
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from palpate.analysis.conditions.touched import touched_section
 from palpate.analysis.documents import page
 from palpate.analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from palpate.analysis.documents.tables import WIDTH, Section, text
-from palpate.analysis.reading.dataset import Say, read_pooled, silent
+from palpate.analysis.reading.dataset import COMPUTING, Say, read_pooled, silent
 from palpate.analysis.reading.study import Study, nothing_left
 from palpate.analysis.report import prose
 from palpate.experiment.errors import DatasetError
@@ -105,8 +106,8 @@ def analyse(
         raise nothing_left(", ".join(map(str, datasets)), study.exclusions)
     printed = published.load(study.id)
     design = designs.design_of(study)
-    say("Computing tables and models")
-    found = design.compute(study, printed, dissimilarities)
+    say(COMPUTING)
+    found = design.compute(study, printed, dissimilarities, say)
     audit = designs.optional(design.audit) if design.audit and printed else None
     section, comparison = audit.beside_print(study, found, printed) if audit else (None, None)
     first, *others = design.sections(study, found, printed, section)
@@ -155,6 +156,8 @@ def _facts(study: Study) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     """Return a value as JSON holds it: dataclasses as objects, arrays as lists, and None for what is not finite."""
+    if isinstance(value, float):
+        return value if isfinite(value) else None
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, np.ndarray):
@@ -163,4 +166,4 @@ def _plain(value: Any) -> Any:
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    return value

@@ -432,8 +432,9 @@ def contact(
 def _results(study: Study | PathLike, design: str) -> Any:
     from palpate.analysis import designs, published
     from palpate.analysis.conditions import control
+    from palpate.analysis.reading.dataset import silent
     from palpate.analysis.reading.study import Study
 
     given, _ = control.apart(study if isinstance(study, Study) else read(study))
     designs.check_design(given, design)
-    return designs.named(design).compute(given, published.load(given.id), None)
+    return designs.named(design).compute(given, published.load(given.id), None, silent)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.analysis.documents.tables import Section
 from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.dataset import Say
 from palpate.analysis.reading.study import Study, nothing_left
 from palpate.experiment.errors import DatasetError
 
@@ -36,8 +37,8 @@ class AnalysisDesign:
     """What its trials are called."""
     function: str
     """The library's function that returns its results."""
-    compute: Callable[[Study, Published | None, Path | None], Any]
-    """Study, what was printed of it, a file of dissimilarities -> results."""
+    compute: Callable[[Study, Published | None, Path | None, Say], Any]
+    """Study, what was printed of it, a file of dissimilarities, and what gets progress -> results."""
     sections: Callable[[Study, Any, Published | None, Section | None], tuple[Section, ...]]
     """Study, results, what was printed, and an audit of that -> the sections of the report, in reading order."""
     numbers: Callable[[Any], Mapping[str, Any]]

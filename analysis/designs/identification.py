@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from palpate.analysis.identification.confusion import confusion_of
 from palpate.analysis.identification.results import Results, TaskResult
 from palpate.analysis.identification.time_course import TimeCourse
 from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.dataset import Say
 from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import sections
@@ -27,12 +28,12 @@ from palpate.analysis.statistics.anova import Anova
 from palpate.experiment.records.events import NO_ANSWER
 
 
-def _compute(study: Study, printed: Published | None, dissimilarities: Path | None) -> Results:
+def _compute(study: Study, printed: Published | None, dissimilarities: Path | None, say: Say) -> Results:
     if dissimilarities is not None:
         alike = from_file(dissimilarities, study.materials)
     else:
         alike = printed_dissimilarities() if printed else NO_DISSIMILARITIES
-    return results.compute(study, printed.pairs() if printed else {}, alike)
+    return results.compute(study, printed.pairs() if printed else {}, alike, say=say)
 
 
 def _numbers(found: Results) -> dict[str, Any]:
@@ -76,7 +77,7 @@ def _anova(anova: Anova | None) -> dict[str, Any] | None:
 
 def _course(found: TimeCourse) -> dict[str, Any]:
     statements = [{"task": task, "of": of, "statement": why} for (task, of), why in found.statements.items()]
-    return {**asdict(replace(found, statements={})), "statements": statements}
+    return {**vars(found), "statements": statements}
 
 
 def _counts(found: Results) -> tuple[Section, ...]:

@@ -359,8 +359,8 @@ def comma_separated(section: Section, label: str) -> str:
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["dataset", *columns])
-    for record in records:
-        writer.writerow([cell(label or "measured"), *(cell(record.get(column)) for column in columns)])
+    first = cell(label or "measured")
+    writer.writerows([first, *map(cell, map(record.get, columns))] for record in records)
     return file.getvalue()
 
 
@@ -374,8 +374,8 @@ def cell(value: object) -> object:
     """Return a cell of a CSV file: None is empty, names are joined, and a formula follows an apostrophe."""
     if isinstance(value, tuple):
         value = " and ".join(value)
-    if isinstance(value, str) and FORMULA.match(value) and not NUMBER.fullmatch(value):
-        return f"'{value}"
+    if isinstance(value, str):
+        return f"'{value}" if FORMULA.match(value) and not NUMBER.fullmatch(value) else value
     return "" if value is None else value
 
 

@@ -5,12 +5,12 @@ phi(z - d') Phi(z)^(m - 1) (Green and Swets 1966; Hacker and Ratcliff 1979, Perc
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import combinations
-from statistics import mean, variance
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,12 +73,20 @@ class Confusion:
 
     def ratios(self, presented: int, answered: int) -> dict[str, Fraction]:
         """Return the exact ratio of one cell, by indices, for every participant to whom the material was presented."""
-        trials = self.trials
-        return {
-            label: Fraction(int(self.counts[index, presented, answered]), int(trials[index, presented]))
-            for index, label in enumerate(self.participants)
-            if trials[index, presented]
-        }
+        known = {one: Fraction(*one) for one in set(self._pairs(presented, answered)) if one[1]}
+        both = zip(self.participants, self._pairs(presented, answered), strict=True)
+        return {label: known[one] for label, one in both if one in known}
+
+    def _pairs(self, presented: int, answered: int) -> Iterator[tuple[int, int]]:
+        """Yield each participant's count of one cell, and trials."""
+        counts, trials = self.counts[:, presented, answered], self.trials[:, presented]
+        return zip(counts.tolist(), trials.tolist(), strict=True)
+
+    def _moments(self, presented: int, answered: int) -> tuple[int, Fraction, Fraction]:
+        """Return how many participants have a ratio, their exact sum, and the exact sum of their squares."""
+        often = [(Fraction(*one), n) for one, n in Counter(self._pairs(presented, answered)).items() if one[1]]
+        total = sum((n * one for one, n in often), Fraction(0))
+        return sum(n for _, n in often), total, sum((n * one * one for one, n in often), Fraction(0))
 
     def n(self, presented: int) -> int:
         """Return the number of participants to whom the material was presented."""
@@ -86,13 +94,13 @@ class Confusion:
 
     def mean(self, presented: int, answered: int) -> float | None:
         """Return the mean ratio among participants, or None without any."""
-        values = list(self.ratios(presented, answered).values())
-        return float(mean(values)) if values else None
+        n, total, _ = self._moments(presented, answered)
+        return float(total / n) if n else None
 
     def sd(self, presented: int, answered: int) -> float | None:
         """Return the sample standard deviation (n - 1) among participants, or None below two."""
-        values = list(self.ratios(presented, answered).values())
-        return math.sqrt(variance(values)) if len(values) > 1 else None
+        n, total, squares = self._moments(presented, answered)
+        return math.sqrt((squares - total * total / n) / (n - 1)) if n > 1 else None
 
     def means(self) -> NDArray[np.float64]:
         """Return the mean ratios, shape (M, M + 1); NaN where a material was never presented."""
@@ -102,7 +110,7 @@ class Confusion:
     def most_confused(self) -> tuple[tuple[str, str], ...]:
         """Return the pairs of the task most often taken for one another, exactly as often; none where none was."""
         pairs = {
-            (a, b): sum((mean(of) for i, j in ((a, b), (b, a)) if (of := self.ratios(i, j).values())), Fraction(0))
+            (a, b): sum((total / n for n, total, _ in map(self._moments, (a, b), (b, a)) if n), Fraction(0))
             for a, b in combinations(self.presented, 2)
         }
         most = max(pairs.values(), default=Fraction(0))

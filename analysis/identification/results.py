@@ -26,6 +26,7 @@ from palpate.analysis.identification.identify import Identification, identify
 from palpate.analysis.identification.planned import Planned, planned_tests
 from palpate.analysis.identification.time_course import TimeCourse, course_of
 from palpate.analysis.identification.trial_models import TrialLevel, trial_level
+from palpate.analysis.reading.dataset import COMPUTING, Say, silent
 from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities
 from palpate.analysis.reading.study import Study, Task, chance, correction
 from palpate.analysis.statistics import anova as anovas
@@ -46,6 +47,9 @@ EVERY = "materials and tasks"
 
 SEED = 1
 """The seed of every draw; the draws of one task do not depend on the other tasks."""
+
+STEPS = 5
+"""Of a computation: tests of materials, what confusions say, what stands beside, contrasts, and models of trials."""
 
 FLIPS, PLANNED = 1, 2
 """What sets the draws of sign flips, and of planned tests, apart from the other draws of a task."""
@@ -183,28 +187,34 @@ class Results:
 
 
 def compute(
-    study: Study, pairs: Mapping[str, tuple[str, str]], dissimilarities: Dissimilarities = NO_DISSIMILARITIES
+    study: Study,
+    pairs: Mapping[str, tuple[str, str]],
+    dissimilarities: Dissimilarities = NO_DISSIMILARITIES,
+    *,
+    say: Say = silent,
 ) -> Results:
     """Return every result of a study; `pairs` are those published for a task, beside which the most confused is tested.
 
-    Confusions are compared with `dissimilarities` where no pair is missing.
+    Confusions are compared with `dissimilarities` where no pair is missing; `say` gets progress.
     """
     table = dissimilarities.table(study.materials)
     tasks = _tasks(study)
+    say(COMPUTING, 1, STEPS)
     data, statement = _crossed(tasks)
     matrices = {task.task.id: task.confusion for task in tasks}
 
-    def models() -> tuple[tuple[Marginal | None, str], TrialLevel, TimeCourse]:
-        return defined(partial(marginal, study, matrices)), trial_level(study), course_of(study)
-
     # These take half of the time.
-    with forked(models) as modelled:
+    with forked(partial(trial_level, study)) as modelled:
         identifications = tuple(
             identify(task.task.id, task.confusion, table, np.random.default_rng([SEED, place]))
             for place, task in enumerate(tasks)
         )
+        say(COMPUTING, 2, STEPS)
         beside_these = run_companions(study, matrices, np.random.default_rng([SEED, len(tasks), FLIPS]))
-        contrasts, trials, course = modelled()
+        say(COMPUTING, 3, STEPS)
+        contrasts, course = defined(partial(marginal, study, matrices)), course_of(study)
+        say(COMPUTING, 4, STEPS)
+        trials = modelled()
     return Results(
         tasks=tasks, identifications=identifications, dissimilarities=dissimilarities,
         pairs=tuple(test for task in tasks for test in _pairs(task, pairs.get(task.task.id), study)),

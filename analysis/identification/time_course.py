@@ -41,8 +41,7 @@ class Timing:
 
 def timing(study: Study) -> dict[str, tuple[Timing, ...]]:
     """Return the timing of each task; a task without any is left out."""
-    attempts = study.attempts
-    used = attempts[attempts["participant"].isin(attempts.loc[attempts["included"], "participant"])]
+    used = study.of_analysed()
     found: dict[str, tuple[Timing, ...]] = {}
     for task in study.tasks:
         rows = used[used["task"] == task.id]

@@ -173,23 +173,24 @@ def log_likelihood(
     at = mode + width * nodes[:, None]
     # log of each node's share: answers, standard normal, and what the change of variable leaves of the quadrature.
     shares = np.log(weights)[:, None] + nodes[:, None] ** 2 / 2 - at**2 / 2 + np.log(width) - math.log(2 * math.pi) / 2
+    # Odds of the answer that was given.
+    sign = np.where(correct > 0, 1.0, -1.0)
+    given = sign * fixed
     left = np.empty((NODES, correct.size))
-    for k, u in enumerate(at):
-        odds = fixed + sd * u[participants]
+    for k, u in enumerate(sd * at):
+        odds = given + sign * u[participants]
         unlikely = np.exp(-np.abs(odds))
-        lost = np.log1p(unlikely) + np.where((odds > 0) == (correct > 0), 0.0, np.abs(odds))
-        shares[k] -= np.bincount(participants, lost, minlength=people)
-        left[k] = correct - np.where(odds > 0, 1.0, unlikely) / (1 + unlikely)
+        shares[k] -= np.bincount(participants, np.log1p(unlikely) - np.minimum(odds, 0.0), minlength=people)
+        left[k] = np.where(odds > 0, unlikely, 1.0) / (1 + unlikely)
     top = shares.max(axis=0)
     posterior = np.exp(shares - top)
     total = posterior.sum(axis=0)
     posterior /= total
-    by_trial, by_sd = np.zeros(correct.size), 0.0
-    for k, share in enumerate(posterior):
-        left[k] *= share[participants]
-        by_trial += left[k]
-        by_sd += float(left[k] @ at[k][participants])
-    return float((top + np.log(total)).sum()), np.append(by_trial @ matrix, by_sd)
+    by_trial, moved = np.zeros(correct.size), np.zeros(correct.size)
+    for own, share, u in zip(left, posterior, at, strict=True):
+        by_trial += own * share[participants]
+        moved += own * (share * u)[participants]
+    return float((top + np.log(total)).sum()), np.append((sign * by_trial) @ matrix, sign @ moved)
 
 
 def _modes(

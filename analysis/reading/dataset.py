@@ -78,6 +78,9 @@ Say = Callable[..., None]
 """What tells of progress: words, and how many of how many sessions are done."""
 
 
+COMPUTING = "Computing tables and models"
+
+
 def silent(*_: object) -> None:
     """Tell of no progress."""
 
@@ -131,8 +134,9 @@ def read(root: Path, say: Say = silent) -> Study:
             owners[str(session_id)] = participant, task
         check_once(root, participant, task, touched)
         touched[participant, task] = {key: sidecar[key] for key in TOUCHED if key in sidecar}
-        pattern = escape(path.name.removesuffix("events.tsv")) + "recording-force*_physio.tsv.gz"
-        forces[participant, task] = tuple(sorted(path.parent.glob(pattern)))
+        recorded = path.name.removesuffix("events.tsv") + "recording-force"
+        near = [one for one in path.parent.iterdir() if one.name.startswith(recorded)]
+        forces[participant, task] = tuple(sorted(one for one in near if one.name.endswith("_physio.tsv.gz")))
         levels = _Levels(shown, own, facts["Origin"], facts.get("Format") != storage.DATASET_FORMAT)
         _extend(columns, _events(path, participant, task, levels, sidecar["Rows"]), texts)
     if not columns:
@@ -162,13 +166,13 @@ def _counted(sessions: Sequence[T], say: Say) -> Iterator[T]:
         yield one
 
 
-def _extend(columns: dict[str, Any], found: Mapping[str, Sequence[object]], texts: dict[str, str]) -> None:
+def _extend(columns: dict[str, Any], found: Mapping[str, Sequence[Any]], texts: dict[str, str]) -> None:
     """Add the columns of a session: numbers in a quarter of the memory of a list, texts each once."""
     for name, values in found.items():
         if isinstance(values, array):
             columns.setdefault(name, array("d")).extend(values)
         else:
-            own = (texts.setdefault(one, one) if isinstance(one, str) else one for one in values)
+            own = map(texts.setdefault, values, values) if values and isinstance(values[0], str) else values
             columns.setdefault(name, []).extend(own)
 
 
@@ -290,15 +294,18 @@ def _description(root: Path) -> dict[str, Any]:
 
 
 def _json(path: Path, remedy: str) -> dict[str, Any]:
+    text = _text(path, remedy)
     try:
-        content = storage.json_of(_text(path, remedy))
+        content = storage.json_of(text)
     except json.JSONDecodeError as error:
         raise DatasetError(path, f"line {error.lineno} is not JSON ({error.msg})", "make the dataset again") from error
     except ValueError as error:
         raise DatasetError(path, f"is not JSON ({error})", "make the dataset again") from error
     if not isinstance(content, dict):
         raise DatasetError(path, f"got {type(content).__name__}", "make the dataset again", allowed="a JSON object")
-    _refuse_hidden(path, content)
+    # Without escapes and without such a character in the text, none can stand in what it holds.
+    if "\\" in text or hidden(text, "\n" + JOINERS):
+        _refuse_hidden(path, content)
     return content
 
 
@@ -445,7 +452,9 @@ def _parsed(path: Path, cells: Mapping[str, list[str]], presented: Sequence[str]
     none = [MISSING] * len(cells["trial"])
 
     def numbers(column: str, allowed: str = "a number") -> Sequence[float]:
-        return array("d", _each(path, column, cells.get(column, none), partial(_number, allowed=allowed)))
+        if column not in cells:
+            return array("d", [math.nan]) * len(none)
+        return array("d", _each(path, column, cells[column], partial(_number, allowed=allowed)))
 
     together = [" | ".join(of) for of in zip(*(cells[column] for column in presented), strict=True)]
     counted = [cell == "1" for cell in cells["counted"]]

@@ -292,6 +292,11 @@ class Study:
         """Return the trials of one task that the analysis counts."""
         return self.attempts[self.attempts["included"] & (self.attempts["task"] == task)]
 
+    def of_analysed(self) -> pd.DataFrame:
+        """Return every attempt of the participants of whom one counts."""
+        people = self.attempts.loc[self.attempts["included"], "participant"].unique()
+        return self.attempts[self.attempts["participant"].isin(people)]
+
     def plans(self) -> Iterator[PlannedTest]:
         """Yield the planned tests of every part."""
         for part in self.parts:

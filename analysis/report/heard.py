@@ -45,9 +45,7 @@ def heard_tables(study: Study, attempts: pd.DataFrame) -> tuple[Table, ...]:
 
 def heard_sections(study: Study) -> tuple[Section, ...]:
     """Return the section of what was heard, of participants analysed, or none where nothing listened."""
-    attempts = study.attempts
-    used = attempts[attempts["participant"].isin(attempts.loc[attempts["included"], "participant"])]
-    tables = heard_tables(study, used)
+    tables = heard_tables(study, study.of_analysed())
     return (Section("heard", "What was heard", (), tables),) if tables else ()
 
 

@@ -75,8 +75,7 @@ def left_out(study: Study) -> tuple[str, ...]:
 
 
 def _known(study: Study) -> pd.DataFrame:
-    attempts = study.attempts
-    used = attempts[attempts["participant"].isin(attempts.loc[attempts["included"], "participant"])]
+    used = study.of_analysed()
     return used[used["stimulus_error"].notna()]
 
 

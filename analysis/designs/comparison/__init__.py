@@ -56,6 +56,7 @@ from palpate.analysis.documents.tables import (
     without_keys,
 )
 from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.dataset import Say
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
 from palpate.analysis.report.answers import FEW, left_and_sure
@@ -429,7 +430,7 @@ def methods() -> tuple[tuple[str, str], ...]:
     return formulas(Path(__file__).with_name("methods.md"))
 
 
-def _compute(study: Study, printed: Published | None, dissimilarities: Path | None) -> Compared:
+def _compute(study: Study, printed: Published | None, dissimilarities: Path | None, _say: Say) -> Compared:
     if dissimilarities is not None:
         raise DatasetError(study.id, "got --dissimilarities and comparisons", "leave it out", allowed="one of them")
     return results.compute(study, printed)

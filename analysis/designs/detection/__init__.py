@@ -18,6 +18,7 @@ from palpate.analysis.designs.detection.results import Detections, TaskDetection
 from palpate.analysis.documents.page import ON_METHODS
 from palpate.analysis.documents.tables import Asked, Column, Record, Section, formulas, number, plural, span, tabulate
 from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.dataset import Say
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
 from palpate.analysis.report.answers import left_and_sure
@@ -300,7 +301,7 @@ def _further(found: Detections) -> tuple[Section, ...]:
     )
 
 
-def _compute(study: Study, _: Published | None, dissimilarities: Path | None) -> Detections:
+def _compute(study: Study, _: Published | None, dissimilarities: Path | None, _say: Say) -> Detections:
     if dissimilarities is not None:
         raise DatasetError(study.id, "got --dissimilarities and detection", "leave it out", allowed="one of them")
     return results.compute(study)

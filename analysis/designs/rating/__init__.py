@@ -28,6 +28,7 @@ from palpate.analysis.documents.tables import (
     tabulate,
 )
 from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.dataset import Say
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
 from palpate.analysis.report.answers import left_and_sure
@@ -228,7 +229,7 @@ def methods() -> tuple[tuple[str, str], ...]:
     return formulas(Path(__file__).with_name("methods.md"))
 
 
-def _compute(study: Study, _: Published | None, dissimilarities: Path | None) -> Ratings:
+def _compute(study: Study, _: Published | None, dissimilarities: Path | None, _say: Say) -> Ratings:
     if dissimilarities is not None:
         raise DatasetError(study.id, "got --dissimilarities and ratings", "leave it out", allowed="one of them")
     return results.compute(study)
