@@ -23,7 +23,19 @@ COMMAND = "from palpate.experiment.__main__ import main; main()"
 COMMON = ("audit", "power", "numerics", "validation")
 """Wings of the analysis that no design needs."""
 
-NEITHER = ("ahead", "floor", "levels", "phase", "prose", "stepping", "tap fit", "imports", "training", "voice")
+NEITHER = (
+    "ahead",
+    "floor",
+    "levels",
+    "phase",
+    "prose",
+    "stepping",
+    "tap fit",
+    "imports",
+    "training",
+    "voice",
+    "weight",
+)
 """Further wings that neither study here needs."""
 
 REFUSED = {

@@ -21,10 +21,12 @@ from palpate.analysis.reading.study import Study
 from palpate.analysis.statistics.exact import Floats, NotDefined, Statements, defined
 
 TRIAL, FASTER, LATER = "10 trials on", "foot 100 mm/s faster", "a task after the first"
-COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0)}
+FORCE, HARDER = "foot_force_n", "foot 10 N harder"
+COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0), FORCE: (HARDER, 10.0)}
 """Column -> the name of one step, and how many units one step is.
 
-The response time is no covariate: it comes after the stimulus, and what it explains is taken from material and task.
+The force of the foot is one where any was recorded. The response time is none: it comes after the stimulus, and what it
+explains is taken from material and task.
 """
 
 
@@ -131,7 +133,11 @@ def _thinned(
 def _covariates(study: Study, table: pd.DataFrame) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
     """Return each covariate, one value a trial, in steps, NaN if it is not known; and why one is missing."""
     absent: dict[str, str] = {}
-    found = {name: table[column].to_numpy(dtype=np.float64) / step for column, (name, step) in COVARIATES.items()}
+    found = {
+        name: table[column].to_numpy(dtype=np.float64) / step
+        for column, (name, step) in COVARIATES.items()
+        if column != FORCE or table[column].notna().any()
+    }
     pairs = zip(table["participant"].tolist(), table["task"].tolist(), strict=True)
     later = np.array(
         [float(study.first_tasks[who] != task) if who in study.first_tasks else np.nan for who, task in pairs]

@@ -41,6 +41,8 @@ FURTHER = {
     "masker_db_a": "masker_level",
     "level": "level",
     **{f"{column}_s": column for column in ("prediction_error", "delivery_error", "gate_to_scheduled", "dead_time")},
+    "foot_force_n": "foot_force",
+    "foot_force_peak_n": "foot_force_peak",
     "stimulus_error": "stimulus_error",
     "left_out": "left_out",
     "dissimilarity_m_s2": "dissimilarity",

@@ -398,7 +398,7 @@ NO_ACTUATOR = (
 def _rig_rules(table: Any) -> Iterator[Broken]:
     """`actuator.driver = "audio"` needs the table `[audio]`, at the same `rate_hz`.
 
-    `[servo]` needs `[tracker]`, and so does every file of a format before 5.
+    `[servo]` needs `[tracker]`, without `tracker.force`; every file of a format before 5 needs it, too.
 
     One line of `triggers` at most has `driver = "lsl"`.
 
@@ -412,6 +412,8 @@ def _rig_rules(table: Any) -> Iterator[Broken]:
             yield Broken(("tracker",), "a table [tracker]: it follows the hand that [servo] pushes")
         elif table.get("format") in (1, 2, 3, 4):
             yield Broken(("tracker",), "a table [tracker], or format = 5 or later, which may leave it out")
+    if table.get("servo") is not None and isinstance(tracker := table.get("tracker"), dict) and tracker.get("force"):
+        yield Broken(("tracker", "force"), "no such table beside [servo]: a hand that is pushed has no weight")
     lines = table.get("triggers")
     drivers = [one.get("driver") for one in lines if isinstance(one, dict)] if isinstance(lines, list | tuple) else []
     if drivers.count(LSL) > 1:

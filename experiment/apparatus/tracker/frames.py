@@ -7,7 +7,7 @@ sends one frame a sample, 12 bytes, or 14 if it is planar:
     sequence   uint16  rises by one with every sample, sent or not; 65535 is followed by 0
     device_us  uint32  the device's clock when the sample was taken, microseconds, wraps every 71.6 min
     counts     uint16  the sensor's reading of the height, raw
-    along      uint16  of a planar tracker alone: the reading along the face, raw
+    along      uint16  of a planar tracker: the reading along the face; or that of a force sensor under the panel, raw
     crc        uint16  CRC-16/IBM-3740 (polynomial 0x1021, initial value 0xFFFF, neither reflected nor inverted;
                        "123456789" gives 0x29B1) of the bytes before it
 
@@ -124,7 +124,7 @@ class Frames(NamedTuple):
     Attributes:
         device_us: unwrapped device time of each frame, microseconds, int64, shape (n,), strictly rising.
         counts: raw readings of the height, uint16, shape (n,).
-        along: raw readings along the face, uint16, shape (n,); of frames with one reading shape (0,).
+        along: second raw readings, along the face or of a force, uint16, shape (n,); of frames with one, shape (0,).
         ends: where in the piece each frame ended (offset of the byte after its 0x00), int64, shape (n,); 0 or less
             for one that had waited since the piece before.
         link: frames counted in this piece.
@@ -161,7 +161,7 @@ class Decoder(NamedTuple):
         restarted: the device restarted; nothing more is read.
         period_us: time from frame to frame, microseconds, if it is known.
         held: number, clock, readings and end of a frame that waits for the next to follow it.
-        readings: of a frame: 1, or 2 of a planar tracker.
+        readings: of a frame: 1, or 2 of a tracker that is planar or reads a force.
     """
 
     near_us: int = _CLOCK // 2
@@ -179,8 +179,8 @@ class Decoder(NamedTuple):
     @property
     def kind(self) -> str:
         """Return in words which frames are read, and by which key of the rig file."""
-        has = "a" if self.readings == 2 else "no"
-        return f"{FRAME_BYTES[self.readings]} bytes a frame: the rig file has {has} tracker.along_calibration"
+        has, size = "a" if self.readings == 2 else "no", FRAME_BYTES[self.readings]
+        return f"{size} bytes a frame: the rig file has {has} tracker.along_calibration or tracker.force"
 
     def skipped(self) -> Decoder:
         """Return the decoder after bytes were thrown away: the gap they leave is not counted as lost."""

@@ -27,7 +27,7 @@ def open_guarded(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | No
     driver = _driver(rig)
     with _blamed(named, "open"):
         tracker = driver(where, rig.tracker, clock=clock, clock_map=clock_map)
-    return GuardedTracker(tracker, named, planar=tracker_of(rig).readings == 2)
+    return GuardedTracker(tracker, named, planar=tracker_of(rig).along_calibration is not None)
 
 
 class GuardedTracker:

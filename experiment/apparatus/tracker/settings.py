@@ -20,25 +20,34 @@ FRAMES = "palpate-frames"
 
 
 def _tracker_rules(table: Any) -> Iterator[Broken]:
-    """`baud` is at least 120 times `rate_hz`, because a frame takes 120 bits, or 140 times with `along_calibration`.
+    """`baud` is at least 120 times `rate_hz`, because a frame takes 120 bits, or 140 times with two readings.
 
-    From point to point of a calibration the counts rise, and the heights, or places, rise or fall all the way.
+    From point to point of a calibration the counts rise, and the heights, or places, rise or fall all the way. None
+    has both `along_calibration` and `force`.
     """
     from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
 
     baud, rate_hz = table.get("baud"), table.get("rate_hz")
-    frame = FRAME_BYTES[1 if table.get("along_calibration") is None else 2]
+    second = [key for key in ("along_calibration", "force") if table.get(key) is not None]
+    if len(second) == 2:
+        yield Broken(("force",), "no such table beside along_calibration: a frame has two readings at most")
+    frame = FRAME_BYTES[2 if second else 1]
     if isinstance(baud, int) and isinstance(rate_hz, int) and baud < 10 * frame * rate_hz:
         yield Broken(("baud",), f"at least {10 * frame * rate_hz}: {rate_hz} frames of {frame} bytes a second")
     yield from _rising("calibration", table.get("calibration"), "heights")
     yield from _rising("along_calibration", table.get("along_calibration"), "places")
 
 
-def _rising(key: str, points: Any, called: str) -> Iterator[Broken]:
+def _force_rules(table: Any) -> Iterator[Broken]:
+    """From point to point of the calibration the counts rise, and the forces rise or fall all the way."""
+    yield from _rising("calibration", table.get("calibration"), "forces", "n")
+
+
+def _rising(key: str, points: Any, called: str, unit: str = "mm") -> Iterator[Broken]:
     if not isinstance(points, list | tuple):
         return
     counts = [point.get("counts") if isinstance(point, dict) else None for point in points]
-    mm = [point.get("mm") if isinstance(point, dict) else None for point in points]
+    mm = [point.get(unit) if isinstance(point, dict) else None for point in points]
     for i, (before, after) in enumerate(pairwise(counts), start=1):
         if isinstance(before, int) and isinstance(after, int) and after <= before:
             yield Broken((key, i, "counts"), f"more than at the point before it ({before})")
@@ -49,7 +58,7 @@ def _rising(key: str, points: Any, called: str) -> Iterator[Broken]:
     for i, (before, after) in enumerate(pairwise(heights), start=1):
         if before == after or (after > before) != rises:
             way = "more" if rises else "less"
-            yield Broken((key, i, "mm"), f"{way} than at the point before it ({before}), as {called} began")
+            yield Broken((key, i, unit), f"{way} than at the point before it ({before}), as {called} began")
 
 
 class CalibrationPoint(Confined):
@@ -62,6 +71,34 @@ class CalibrationPoint(Confined):
 
     counts: Annotated[int, Field(ge=0, le=65535)]
     mm: float
+
+
+class ForcePoint(Confined):
+    """A reading and the force that was on the panel.
+
+    Attributes:
+        counts: reading.
+        n: force, N.
+    """
+
+    counts: Annotated[int, Field(ge=0, le=65535)]
+    n: float
+
+
+class ForceRig(Confined):
+    """A force sensor under the panel: the second reading of frames.
+
+    Attributes:
+        sensor: what it is, and where.
+        calibration: readings under known forces, such as weights; between two points forces follow a straight line.
+        calibrated_on: day.
+    """
+
+    RULES: ClassVar[Rules] = _force_rules
+
+    sensor: Line
+    calibration: Annotated[tuple[ForcePoint, ...], Field(min_length=2)]
+    calibrated_on: date
 
 
 class TrackerRig(Confined):
@@ -80,6 +117,7 @@ class TrackerRig(Confined):
         zeroing_mm: heights count from the resting foot, at most this far from contact.
         along_calibration: readings of a planar tracker, whose frames have two, at known places along the face of a
             virtual block; it pushes back along its face too. A step is followed by its height alone.
+        force: a force sensor under the panel, read with each height, for a protocol that records the foot's force.
     """
 
     RULES: ClassVar[Rules] = _tracker_rules
@@ -95,11 +133,12 @@ class TrackerRig(Confined):
     noise_mm: Annotated[float, Field(ge=0)] | None = None
     zeroing_mm: Annotated[float, Field(gt=0, le=10)] | None = None
     along_calibration: Annotated[tuple[CalibrationPoint, ...] | None, Field(min_length=2)] = None
+    force: ForceRig | None = Field(None, json_schema_extra={"since": 6})
 
     @property
     def readings(self) -> int:
-        """Return how many readings a frame has: 2 if the tracker is planar."""
-        return 1 if self.along_calibration is None else 2
+        """Return how many readings a frame has: 2 if the tracker is planar, or reads a force."""
+        return 1 if self.along_calibration is None and self.force is None else 2
 
     def height_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
         """Return the height above the panel of each reading, mm; that of the outermost points beyond them."""
@@ -108,7 +147,11 @@ class TrackerRig(Confined):
 
     def along_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64] | None:
         """Return the place along the face of each reading, as `height_mm`; None if the tracker is not planar."""
-        return None if self.along_calibration is None else np.interp(counts, *self._along_points)
+        return None if self.along_calibration is None else np.interp(counts, *self._second_points)
+
+    def force_n(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
+        """Return the force on the panel of each reading of a tracker with `force`, N; the outermost beyond it."""
+        return np.asarray(np.interp(counts, *self._second_points))
 
     @property
     def resolution_mm(self) -> float:
@@ -122,16 +165,20 @@ class TrackerRig(Confined):
         return _columns(self.calibration)
 
     @cached_property
-    def _along_points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return _columns(self.along_calibration or ())
+    def _second_points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Second readings, and the places, mm, or forces, N, of their calibration."""
+        if self.force is None:
+            return _columns(self.along_calibration or ())
+        points = self.force.calibration
+        return np.array([float(point.counts) for point in points]), np.array([point.n for point in points])
 
     def counts(self, height_mm: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
         """Return the reading for each height above the panel, mm, shape (n,); the inverse of `height_mm`."""
         return _read(height_mm, *self._points)
 
-    def along_counts(self, along_mm: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
-        """Return the reading of a planar tracker for each place along the face, as `counts`."""
-        return _read(along_mm, *self._along_points)
+    def second_counts(self, second: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+        """Return the second reading for each place along the face, mm, or force, N, as `counts`."""
+        return _read(second, *self._second_points)
 
 
 def _columns(points: Sequence[CalibrationPoint]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -139,8 +186,8 @@ def _columns(points: Sequence[CalibrationPoint]) -> tuple[NDArray[np.float64], N
 
 
 def _read(
-    mm: NDArray[np.floating[Any]], counts: NDArray[np.float64], points_mm: NDArray[np.float64]
+    values: NDArray[np.floating[Any]], counts: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    order = np.argsort(points_mm)
-    whole: NDArray[np.int64] = np.rint(np.interp(mm, points_mm[order], counts[order])).astype(np.int64)
+    order = np.argsort(points)
+    whole: NDArray[np.int64] = np.rint(np.interp(values, points[order], counts[order])).astype(np.int64)
     return whole

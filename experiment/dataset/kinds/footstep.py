@@ -22,10 +22,11 @@ from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroe
 from palpate.experiment.records.stimulus import Onset, Stimulus
 
 FOOT_COLUMNS = {
-    "foot_height": "Height of the sole above the panel.",
-    "foot_along": "Place of the sole along the face, as the planar tracker was calibrated.",
+    "foot_height": traces.Column("Height of the sole above the panel.", "mm", 3),
+    "foot_along": traces.Column("Place of the sole along the face, as the planar tracker was calibrated.", "mm", 3),
+    "foot_force": traces.Column("Force on the panel, by the sensor under it.", "N", 2),
 }
-"""What a trace of the foot tells; the second stands where the tracker was planar."""
+"""What a trace of the foot tells; the second where the tracker was planar, the third where the force was recorded."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,8 @@ def placed_steps(path: Path, contents: Contents) -> list[Placed]:
 def _cells(path: Path, contents: Contents) -> Iterator[tuple[entries.Outcome, Cells]]:
     for placed in placed_steps(path, contents):
         step = placed.step
-        stimulus, onset = step.stimulus, step.onset if isinstance(step, FootStep) else None
+        stimulus = step.stimulus
+        onset, force = (step.onset, step.force) if isinstance(step, FootStep) else (None, None)
         heard = onset.delivered if onset else None
         off_ns = heard.onset_ns - onset.contact_ns if onset and heard and heard.onset_ns is not None else None
         yield (
@@ -96,6 +98,7 @@ def _cells(path: Path, contents: Contents) -> Iterator[tuple[entries.Outcome, Ce
                 **({"redo_reason": step.reason} if isinstance(step, BrokenOff) else {}),
                 **_timing_s(step, onset),
                 **_played(stimulus),
+                **({"foot_force": force.mean_n, "foot_force_peak": force.peak_n} if force else {}),
                 **heard_cells(stimulus),
             },
         )
@@ -136,22 +139,24 @@ def write_foot(root: Path, path: Path, contents: Contents, parts: Iterable[bytes
     if not steps:
         return
     tracker = tracker_of(rigs.session_rig(storage.rig_path(path), header.rig_sha256))
-    rate_hz = tracker.rate_hz
+    rate_hz, weighed = tracker.rate_hz, any(isinstance(one.step, FootStep) and one.step.force for one in steps)
+    columns = ["foot_height"] + ["foot_along"] * (tracker.along_calibration is not None) + ["foot_force"] * weighed
     places: list[NDArray[np.float64]] = []
-    read_mm: list[NDArray[np.float64]] = []
+    read: list[NDArray[np.float64]] = []
     for placed, part in zip(steps, parts, strict=True):
         _, decoded = frames.Decoder(near_us=int(placed.at_us), readings=tracker.readings).feed(part)
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
-        heights_mm, along_mm = tracker.height_mm(decoded.counts), tracker.along_mm(decoded.along)
-        read_mm.append(np.column_stack([heights_mm - placed.zero_mm, *([] if along_mm is None else [along_mm])]))
+        second = tracker.force_n(decoded.along) if weighed else tracker.along_mm(decoded.along)
+        heights_mm = tracker.height_mm(decoded.counts) - placed.zero_mm
+        read.append(np.column_stack([heights_mm, *([] if second is None else [second])]))
     traces.write(
         root,
         header,
         "foot",
         places=np.concatenate(places),
-        samples=read_mm,
-        columns={name: traces.Column(text, "mm", 3) for name, text in [*FOOT_COLUMNS.items()][: tracker.readings]},
+        samples=read,
+        columns={name: FOOT_COLUMNS[name] for name in columns},
         rate_hz=rate_hz,
         description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
         origin=origin,

@@ -74,7 +74,7 @@ def _write_force(dataset: Dataset, path: Path, contents: Contents) -> None:
         for part, (_, shift_ns) in zip(read, pushed, strict=True):
             yield cycles_of(part, later_ns=shift_ns - begun_ns)
 
-    planar = tracker_of(rig).readings == 2
+    planar = tracker_of(rig).along_calibration is not None
     places = _places(parts(), sum(entry.trace.length for entry, _ in pushed) // CYCLE.itemsize, virtual.rate_hz)
     traces.write(
         dataset.root,

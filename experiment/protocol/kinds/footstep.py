@@ -99,11 +99,13 @@ class Footstep(KindTable):
         step: how the step is read.
         synthesis: what virtual stimuli are made of.
         tactile: which frequencies count.
+        force: record the force of the foot at each step, by a sensor under the panel (`tracker.force` of the rig).
     """
 
     step: Step
     synthesis: Synthesis
     tactile: Tactile
+    force: bool = Field(False, json_schema_extra={"since": 7})
 
     @property
     def gate(self) -> Step:

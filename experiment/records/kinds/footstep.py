@@ -1,16 +1,10 @@
 """Models of what a footstep leaves in the journal: where the foot rested, and each step with its stimulus."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field
-
-from palpate.experiment.records.entries import Entry, Outcome, Record, Trace
-from palpate.experiment.records.stimulus import MOST_US, Begun, DeviceUs, Onset, Stimulus
-
-MOST_PPM = 1e6
-"""No clock runs twice as fast as another."""
-
-WholeUs = Annotated[int, Field(ge=-MOST_US, le=MOST_US)]
+from palpate.experiment.records.entries import Entry, Outcome, Trace
+from palpate.experiment.records.stimulus import Begun, DeviceUs, Onset, Stimulus
+from palpate.experiment.records.tracker import Link, Pressed, TrackerClock, WholeUs
 
 
 class Zeroed(Entry):
@@ -34,30 +28,13 @@ class Probed(Entry):
     stimulus: Stimulus
 
 
-class Link(Record):
-    """Frames of the tracker between arming and contact; `received` counts those up to contact."""
-
-    received: int
-    lost: int
-    damaged: int
-    repeated: int
-
-
-class TrackerClock(Record):
-    """A line from device to session time at the end of a step: `anchor_us` was at `anchor_ns`, with a drift in ppm."""
-
-    anchor_us: WholeUs
-    anchor_ns: int
-    drift_ppm: Annotated[float, Field(ge=-MOST_PPM, le=MOST_PPM)]
-
-
 class FootStep(Outcome):
     """One step of the foot, in device time, with its stimulus.
 
     `contact_us`: when the foot met the panel, by all readings until then; `contact_standard_error_ms` covers noise and
     movement, None in an older journal, whose contact is the root of a line through the last 3 mm. `dead_time_ms`: from
     the confirmed answer to the trial before until arming, less the laying out of the object; None without such an
-    answer, and in simulated time.
+    answer, and in simulated time. `force` is None where the protocol does not record it.
     """
 
     kind: Literal["step"] = "step"
@@ -72,6 +49,7 @@ class FootStep(Outcome):
     trace: Trace
     stimulus: Stimulus | None
     onset: Onset | None
+    force: Pressed | None = None
 
 
 class BrokenOff(Outcome):

@@ -2,7 +2,7 @@
 
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Probed, Zeroed
 from palpate.experiment.records.transcript import Lines
-from palpate.experiment.records.transcript.stimulus import onset_line, played_line
+from palpate.experiment.records.transcript.stimulus import onset_line, played_line, pressed_line
 
 
 def _zeroed(entry: Zeroed) -> str:
@@ -20,7 +20,7 @@ def _stepped(entry: FootStep) -> str:
         f"{entry.label}: {' and '.join(entry.presented)}, {entry.speed_mm_s:.1f} mm/s, "
         f"{played_line(entry.stimulus, entry.onset)}; "
         f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
-        f"{onset_line(entry.onset)}{known}{_dead(entry.dead_time_ms)}"
+        f"{onset_line(entry.onset)}{known}{pressed_line(entry.force)}{_dead(entry.dead_time_ms)}"
     )
 
 

@@ -1,6 +1,7 @@
 """How a stimulus was played and met the contact, in a transcript."""
 
 from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.records.tracker import Pressed
 
 
 def played_line(stimulus: Stimulus | None, onset: Onset | None) -> str:
@@ -46,3 +47,12 @@ def onset_line(onset: Onset | None) -> str:
     if heard.onset_error_ms is not None:
         off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
     return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
+
+
+def pressed_line(force: Pressed | None) -> str:
+    """Return what a transcript says of how hard a foot pressed."""
+    if force is None:
+        return ""
+    if force.mean_n is None or force.peak_n is None:
+        return f"; the foot's force is not known: {force.problem}"
+    return f"; the foot pressed with {force.mean_n:.1f} N, {force.peak_n:.1f} N at most"

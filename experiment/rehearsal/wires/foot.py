@@ -24,6 +24,7 @@ from palpate.experiment.apparatus.tracker import frame_runs
 from palpate.experiment.apparatus.tracker.frames import encode
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import Clock, MonotonicClock
+from palpate.experiment.rehearsal.wires import weight
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 
 Hesitation = Literal["none", "pause", "dip", "stop", "turn"]
@@ -54,6 +55,7 @@ class Trajectory:
     passage it crosses 20 mm at `gate_top_us` and 10 mm at `gate_bottom_us`, with the mean speed `speed_mm_s`;
     `contact_us` is infinity for no contact. At `lift_us` it leaves the panel, 0.22 s or more after contact, or the step
     ends. `noise_seed` names the sensor's noise; `along_mm` is the place along the face at each knot, None for zero.
+    `force_n` is how hard the foot presses once it rests on the panel, N.
     """
 
     us: NDArray[np.float64]
@@ -66,6 +68,7 @@ class Trajectory:
     hesitation: Hesitation
     noise_seed: int
     along_mm: NDArray[np.float64] | None = None
+    force_n: float = 0.0
 
     @property
     def duration_us(self) -> float:
@@ -293,7 +296,10 @@ class Foot:
         wanted = -(-start_us * rate_hz // 1_000_000)
         times_us = np.arange(int(trajectory.duration_us * rate_hz / 1e6) + 1) * (1e6 / rate_hz)
         noise = np.random.default_rng(trajectory.noise_seed)
-        readings = self._sensed(trajectory.at(times_us), trajectory.along_at(times_us), noise)
+        second = trajectory.along_at(times_us)
+        if self._tracker.force is not None:
+            second = weight.pressing_n(times_us, trajectory.force_n, trajectory.contact_us, trajectory.lift_us)
+        readings = self._sensed(trajectory.at(times_us), second, noise)
         with self._changed:
             self._between_mm = self._rest_mm
             first = max(wanted, self._free_sample, self._next_sample)
@@ -401,12 +407,15 @@ class Foot:
             self._changed.notify_all()
 
     def _sensed(
-        self, height_mm: NDArray[np.float64], along_mm: NDArray[np.float64], noise: np.random.Generator
+        self, height_mm: NDArray[np.float64], second: NDArray[np.float64], noise: np.random.Generator
     ) -> NDArray[np.int64]:
-        """Return what the sensor reads at n places, shape (n, 1), or (n, 2) if it is planar."""
+        """Return what the sensor reads at n places, shape (n, 1), or (n, 2) with places along a face, mm, or forces, N.
+
+        Of either sort the noise is as large as that of heights, in its own unit.
+        """
         noise_mm = noise.normal(0.0, self._noise_mm, (self._tracker.readings, height_mm.size))
         counts = [self._tracker.counts(height_mm + self._sole_mm + noise_mm[0])]
-        counts += [self._tracker.along_counts(along_mm + each_mm) for each_mm in noise_mm[1:]]
+        counts += [self._tracker.second_counts(second + each) for each in noise_mm[1:]]
         return np.column_stack(counts)
 
     def _send(self, first: int, readings: NDArray[np.int64], step: _Step | None, *, wait: bool) -> None:

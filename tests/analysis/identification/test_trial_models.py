@@ -22,6 +22,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.analysis.identification.results import compute
 from palpate.analysis.identification.trial_models import (
     FASTER,
+    HARDER,
     LATER,
     TRIAL,
     Design,
@@ -105,6 +106,27 @@ def _cbpp() -> Design:
     herds, periods = np.repeat(counts[:, 0] - 1, counts[:, 2]), np.repeat(counts[:, 3], counts[:, 2])
     matrix = np.column_stack([np.ones(len(right)), *(periods == period for period in (2, 3, 4))]).astype(np.float64)
     return Design(right, herds, ("intercept", "2", "3", "4"), matrix, {"period": (1, 2, 3)}, {}, {}, ())
+
+
+def test_the_force_of_the_foot_is_a_covariate_where_any_was_recorded(tmp_path: Path) -> None:
+    """Log odds that fall by 0.6 for each 10 N come back within the interval, beside those of the formula interface."""
+    assert HARDER not in design(_study(tmp_path / "none")).names
+    rng = np.random.default_rng(5)
+    rows: dict[str, dict[str, list[dict[str, object]]]] = {}
+    for who in range(12):
+        skill, own_n = rng.normal(0.6, 0.4), rng.uniform(30, 50)
+        session = []
+        for number in range(1, 81):
+            shown, force_n = MATERIALS[int(rng.integers(3))], round(own_n + rng.normal(0, 8), 2)
+            right = rng.random() < 1 / (1 + math.exp(0.06 * (force_n - own_n) - skill))
+            said = shown if right else MATERIALS[(MATERIALS.index(shown) + 1) % 3]
+            session.append(trial(number, shown, said, foot_speed=100.0 + number, foot_force=force_n))
+        rows[str(who)] = {"virtual": session}
+    found = trial_level(read(write_dataset(tmp_path / "some", rows)))
+    for model in (found.gee, found.mixed):
+        assert model is not None
+        (one,) = [each for each in model.coefficients if each.name == HARDER]
+        assert one.low < -0.6 < one.high < 0
 
 
 def test_gee_is_that_of_its_equations() -> None:

@@ -10,7 +10,8 @@ from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import DATASET
 from palpate.experiment.records.entries import Entry, MaskerSet, Trace, TrackerOpened
 from palpate.experiment.records.journal import Contents, Line
-from palpate.experiment.records.kinds.footstep import BrokenOff, Link, TrackerClock
+from palpate.experiment.records.kinds.footstep import BrokenOff
+from palpate.experiment.records.tracker import Link, TrackerClock
 
 
 def _step(trial: int, attempt: int = 1) -> BrokenOff:

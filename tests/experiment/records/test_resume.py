@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.experiment.records.entries import Answer, Armed, Entry, Footer, Header, PlannedTrial, Redo, Trace
-from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link, TrackerClock
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.progress import progress
+from palpate.experiment.records.tracker import Link, TrackerClock
 from tests.experiment.session.bench import HEADER
 
 ORDER = tuple(PlannedTrial(trial=n, presented=("foil",)) for n in range(1, 7))

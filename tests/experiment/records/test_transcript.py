@@ -21,8 +21,9 @@ from palpate.experiment.records.entries import (
     TrackEnded,
     Withdrawal,
 )
-from palpate.experiment.records.kinds.footstep import FootStep, TrackerClock, Zeroed
+from palpate.experiment.records.kinds.footstep import FootStep, Zeroed
 from palpate.experiment.records.stimulus import Computed, Onset, Shaping, Stimulus
+from palpate.experiment.records.tracker import TrackerClock
 from tests.approved import Refuses
 from tests.experiment.records.test_resume import broken_off, step
 from tests.experiment.session.bench import COMPUTED, DELIVERED, HEADER

@@ -7,12 +7,16 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol, Step, Task
 from palpate.experiment.protocol.page.words import KindWords
 
+MOVEMENT = "the height of the foot over time, the speed and time of each step, "
+PRESSED = "A sensor under the panel measures how hard the foot presses, until 0.2 s after contact."
 _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coefficients of their spectra"}
 
 
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
     yield from _synthesised(protocol.table(Footstep)) if protocol.renders else ()
     yield from _steps(protocol.table(Footstep).step, ahead=any(task.ahead for task in protocol.tasks))
+    if protocol.table(Footstep).force:
+        yield Said(PRESSED)
 
 
 def _synthesised(footstep: Footstep) -> Iterator[Block]:
@@ -76,7 +80,7 @@ WORDS = KindWords(
         "virtual": "virtual: vibration of the panel, synthesised from recordings",
         "real": "real: the experimenter lays out the real object before each trial",
     },
-    recorded=lambda _: "the height of the foot over time, the speed and time of each step, ",
+    recorded=lambda protocol: MOVEMENT + ("how hard the foot presses, " if protocol.table(Footstep).force else ""),
     stimuli=_stimuli,
     felt=_felt,
     odd=_odd,

@@ -9,14 +9,13 @@ parameters are the same for all materials (`experiment/decisions.md`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.desk.questions import Arm, Place, Question, Reply, Rest, Say, TrialAnswer
 from palpate.experiment.errors import SessionError, SynthesisError, TrackerError
 from palpate.experiment.protocol.kinds.footstep import Footstep
@@ -25,9 +24,11 @@ from palpate.experiment.rehearsal.designs import Percept, judge_of
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.kinds.footstep.recorded_takes import SimulatedMaterials, generic, make_recordings
 from palpate.experiment.rehearsal.participant import SimulatedPerson
+from palpate.experiment.rehearsal.wires import weight
 from palpate.experiment.rehearsal.wires.foot import Foot, Hesitation
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 from palpate.experiment.session import scene
+from palpate.experiment.session.kinds.footstep.trials import check_force
 from palpate.experiment.storage import RECORDINGS
 from palpate.experiment.synthesis.spectra import spectrum
 
@@ -286,7 +287,8 @@ class SimulatedParticipant(SimulatedPerson):
         in_vain: Hesitation | None = None
         if whim.random() < IN_VAIN:
             in_vain = "stop" if whim.random() < 0.5 else "turn"
-        trajectory = self.foot.trajectory(rng, speed_mm_s, in_vain)
+        force_n = weight.drawn_n(self.entropy, self._rng(trial, attempt, 3))
+        trajectory = replace(self.foot.trajectory(rng, speed_mm_s, in_vain), force_n=force_n)
         self._lands_later = trajectory.hesitation == "dip"
         self.foot.step(trajectory, (begin_ns - self.powered_ns) // 1000)
 
@@ -332,6 +334,8 @@ def _prepare(dataset: Path, protocol: Protocol, seed: int) -> None:
         make_recordings(dataset / RECORDINGS, protocol=protocol, seed=seed)
 
 
-REHEARSAL = RehearsalKind(
-    person=_person, generic=generic, lacks_nothing=lambda rig, _: tracker_of(rig), prepare=_prepare
-)
+def _rig(protocol: Protocol) -> str:
+    return f"rigs/{'weight' if protocol.table(Footstep).force else 'rehearsal'}.toml"
+
+
+REHEARSAL = RehearsalKind(_person, generic, _rig, check_force, _prepare)

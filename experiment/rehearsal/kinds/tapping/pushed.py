@@ -106,6 +106,6 @@ def _read(tracker: TrackerRig, true_mm: Floats, noise_mm: Floats) -> Floats:
     """Return what a sensor makes of places, mm, shape (n, 2); along the face 0 unless it is planar."""
     heights = tracker.height_mm(tracker.counts(true_mm[:, 0] + noise_mm[0]))
     along = None
-    if tracker.readings == 2:
-        along = tracker.along_mm(tracker.along_counts(true_mm[:, 1] + noise_mm[1]))
+    if tracker.along_calibration is not None:
+        along = tracker.along_mm(tracker.second_counts(true_mm[:, 1] + noise_mm[1]))
     return np.column_stack([heights, np.zeros(heights.size) if along is None else along])

@@ -11,7 +11,7 @@ from palpate.experiment.errors import Finding, PalpateError, RecordingError
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene
-from palpate.experiment.session.kinds.footstep import preparation
+from palpate.experiment.session.kinds.footstep import preparation, trials
 from palpate.experiment.session.kinds.footstep.felt import Felt, felt_on
 from palpate.experiment.session.kinds.footstep.fidelity import WEAKER, judged, played, speeds_mm_s
 from palpate.experiment.study.enrolment import default_root
@@ -50,6 +50,7 @@ def examine(
     `recordings` None stands for those of the study's dataset; where there are none, a protocol that limits what is left
     out has the rig refused.
     """
+    trials.check_force(rig, protocol)
     folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
     most = protocol.table(Footstep).synthesis.left_out_max
     allowed = "sets no limit" if most is None else f"allows {most * 100:.6g}%"

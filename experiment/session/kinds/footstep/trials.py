@@ -20,6 +20,7 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
 from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.clock import lasted_ms
 from palpate.experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
@@ -28,8 +29,9 @@ from palpate.experiment.errors import ActuatorError, RecordingError, TrackerErro
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import ExclusionRule, Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial, Trace, TrackerOpened
-from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Probed, Zeroed
 from palpate.experiment.records.stimulus import Onset
+from palpate.experiment.records.tracker import Link, TrackerClock
 from palpate.experiment.session import scene
 from palpate.experiment.session.kind import (
     FarEnds,
@@ -43,7 +45,14 @@ from palpate.experiment.session.kind import (
     open_actuator,
 )
 from palpate.experiment.session.kinds.footstep.stimulus import Sounder
-from palpate.experiment.session.kinds.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
+from palpate.experiment.session.kinds.footstep.watch import (
+    TAIL_US,
+    BrokenStep,
+    Feed,
+    Watch,
+    WatchedStep,
+    watch,
+)
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
@@ -79,6 +88,7 @@ class FootstepDevices:
 
     A `ZeroedTracker` is zeroed before the first attempt, and after a reconnection. `tracker_port` is the port's name in
     the journal, `noise_mm` the sensor's noise, mm rms. `scrutiny` checks readings; `materials` are prepared, by id.
+    `weighed` are the tracker's settings where the force of the foot goes on record.
     """
 
     tracker: Tracker
@@ -87,6 +97,7 @@ class FootstepDevices:
     scrutiny: Scrutiny
     actuator: Actuator | None
     materials: Mapping[str, Basis] | None
+    weighed: TrackerRig | None = None
 
     def begin(self, lent: Lent) -> Footsteps:
         return Footsteps(self, lent)
@@ -119,6 +130,7 @@ def open_footsteps(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, 
         scrutiny=Scrutiny(rate_hz=settings.rate_hz, noise_mm=noise_mm, resolution_mm=settings.resolution_mm),
         actuator=actuator,
         materials=stimuli.materials or None,
+        weighed=settings if protocol.table(Footstep).force else None,
     )
 
 
@@ -171,6 +183,7 @@ class Footsteps(Kind):
             sounder=Sounder(devices.materials, devices.actuator, task.ahead)
             if devices.materials and devices.actuator
             else None,
+            tail_us=import_module(FORCE).UNTIL_US if devices.weighed else TAIL_US,
         )
         self._steps = self._watch
         """With what the stimulus of the attempt under way is."""
@@ -254,7 +267,7 @@ class Footsteps(Kind):
         self._pace = pace(step.gate.speed_mm_s, self._protocol.exclusion)
         self._delivered = None if heard is None else heard.delivered
         return Seen(
-            _foot_step(armed, step, trace),
+            _foot_step(armed, step, trace, self._devices.weighed),
             answerable_ns=step.contact_ns,
             failed=error,
             delivered=self._delivered,
@@ -419,7 +432,7 @@ def _reclocked(clock: ClockMap, step: WatchedStep | BrokenStep) -> WatchedStep |
     return replace(step, clock=clock, contact_ns=contact_ns, onset=onset)
 
 
-def _foot_step(armed: Armed, step: WatchedStep, trace: Trace) -> FootStep:
+def _foot_step(armed: Armed, step: WatchedStep, trace: Trace, weighed: TrackerRig | None) -> FootStep:
     return FootStep(
         trial=armed.planned.trial,
         attempt=armed.attempt,
@@ -435,6 +448,7 @@ def _foot_step(armed: Armed, step: WatchedStep, trace: Trace) -> FootStep:
         trace=trace,
         stimulus=step.stimulus,
         onset=step.onset,
+        force=import_module(FORCE).pressed(step.raw, weighed, step.gate.top_us, step.contact.us) if weighed else None,
     )
 
 
@@ -476,10 +490,17 @@ def _recorded(protocol: Protocol, tasks: Sequence[Task]) -> set[str]:
 
 def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
     rigs.check(rig, protocol.table(Footstep).step)
+    check_force(rig, protocol)
     zeroing.check_age(rig, today)
 
 
-_ROOM = "palpate.experiment.session.kinds.footstep"
+def check_force(rig: Rig, protocol: Protocol) -> None:
+    """Raise `RigError` for a rig without a tracker, or without a sensor of the force where the protocol records it."""
+    if tracker_of(rig).force is None and protocol.table(Footstep).force:
+        import_module(FORCE).check(rig)
+
+
+FORCE, _ROOM = "palpate.experiment.apparatus.wires.foot_force", "palpate.experiment.session.kinds.footstep"
 KIND = SessionKind(
     open_footsteps,
     _recorded,

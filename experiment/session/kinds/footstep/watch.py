@@ -169,6 +169,7 @@ class Watch:
     clock: Clock
     limits: Limits
     sounder: Sounder | None
+    tail_us: int = TAIL_US
 
 
 @dataclass(frozen=True)
@@ -349,7 +350,7 @@ class _Step:
         while (taken.newest_us or 0) < met.us:
             self._next()
         link = taken.link(met.us)
-        taken.wait_until(met.us + TAIL_US)
+        taken.wait_until(met.us + self._parts.tail_us)
         if fault := self._fault(gate, contact.given_us, link) or self._parted(gate, contact):
             return self.broken(fault)
         clock = taken.clock()

@@ -116,7 +116,7 @@ def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tup
     virtual, device, tracker = protocol.table(Tapping), servo_of(rig), tracker_of(rig)
     bears, told = passivity.judged(virtual, device, tracker)
     right, felt = budget.judged(virtual, device, tracker, limit_n=limit_n(protocol, rig))
-    planar = "is planar: the block" if tracker_of(rig).readings == 2 else "is not planar: nothing"
+    planar = "is planar: the block" if tracker_of(rig).along_calibration is not None else "is not planar: nothing"
     planar = "follows the hand: with crossovers nothing" if virtual.crossovers_hz else planar
     omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     told = f"{told} {felt} The tracker {planar} pushes along the face." + (

@@ -1,0 +1,57 @@
+"""How hard a foot presses on the panel, by a sensor under it whose readings stand in the tracker's frames of a step.
+
+`trials` looks this up for a protocol that records it. What the sensor reads in the last moment before the gate, with
+the foot in the air, is the panel's own weight and the sensor's drift, and counts as zero of this step.
+"""
+
+import numpy as np
+
+from palpate.experiment.apparatus.rig import Rig, needed, tracker_of
+from palpate.experiment.apparatus.tracker import frames
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
+from palpate.experiment.records.tracker import Pressed
+
+AIR_US = 50_000
+"""So long before the gate the foot is surely in the air: it comes down from above it."""
+
+RESTS_US, UNTIL_US = 100_000, 200_000
+"""After contact the mean is taken between these times: the impact has died down. A step is recorded until then."""
+
+LEAST = 0.5
+"""A stretch of which fewer samples came says nothing."""
+
+
+def check(rig: Rig) -> None:
+    """Raise `RigError` for a rig without a sensor of the force."""
+    remedy = "add sensor, calibration and calibrated_on to the rig file, once the tracker's board reads the sensor"
+    needed(rig, "tracker.force", tracker_of(rig).force, remedy, "because the protocol records the force of the foot")
+
+
+def pressed(raw: bytes, tracker: TrackerRig, gate_top_us: float, contact_us: float) -> Pressed:
+    """Return what the frames of a step, from arming to its tail, say of the force of the foot."""
+    if tracker.force is None:
+        raise RuntimeError("no force is recorded without a sensor")
+    decoder = frames.Decoder(near_us=round(contact_us), period_us=1e6 / tracker.rate_hz, readings=tracker.readings)
+    _, decoded = decoder.feed(raw)
+    us, read_n = decoded.device_us, tracker.force_n(decoded.along)
+
+    def stretch(begin_us: float, end_us: float) -> slice | None:
+        """Return the samples between two times; None if too few came."""
+        part = slice(*np.searchsorted(us, [begin_us, end_us]).tolist())
+        enough = LEAST * (end_us - begin_us) * 1e-6 * tracker.rate_hz
+        return part if part.stop - part.start >= enough else None
+
+    air = stretch(gate_top_us - AIR_US, gate_top_us)
+    rest, landed = stretch(contact_us + RESTS_US, contact_us + UNTIL_US), stretch(contact_us, contact_us + UNTIL_US)
+    if air is None:
+        return Pressed(problem="too few samples came before the gate, so that nothing is its zero")
+    if rest is None or landed is None:
+        return Pressed(problem="too few samples came after contact")
+    zero_n, forces_n = float(read_n[air].mean()), [point.n for point in tracker.force.calibration]
+    return Pressed(
+        mean_n=round(float(read_n[rest].mean()) - zero_n, 3),
+        peak_n=round(float(read_n[landed].max()) - zero_n, 3),
+        zero_n=round(zero_n, 3),
+        spread_n=round(float(read_n[air].std()), 3),
+        held=int(np.isin(np.append(read_n[air], read_n[landed]), (min(forces_n), max(forces_n))).sum()),
+    )
