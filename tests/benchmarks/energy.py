@@ -3,7 +3,8 @@
 N manipulations of S seconds: taps, presses and hovering, of hands of 150 to 1000 N/m and 2 to 7 N s/m, on the devices
 whose block `passivity.judged` lets pass; 2500 N/m, 100 N s/m, 2.5 kHz, 5 um of noise and counts of 1 um. Energy given
 is the work of the force on what it moves, less what the device's own damping takes, at its largest over time. Then the
-same for blocks with crossovers of `crossover.toml`, each on devices with just the damping that it needs.
+same for blocks with crossovers of `crossover.toml`, each on devices with just the damping that it needs. With
+gaps the servo holds its force for the longest time between cycles that is no fault, and then reads all that came.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from tests.experiment.apparatus.servo.test_passivity import PAPER, TRACKER, devi
 
 DAMPINGS_N_S_M, MASSES_KG = (0.1, 1.0, 5.0), (0.02, 0.05, 0.1, 0.2, 0.3)
 RATE_HZ, PARTS = 2500, 4
+GAP, EVERY = 5, 617
+"""So many cycles are left out, of so many: `process.SILENT_NS`, 2 ms."""
 MOST_J = 1e-4
 
 Floats = NDArray[np.float64]
@@ -63,9 +66,11 @@ class Rests:
         return rest + np.where(self._kind == 0, 0.0, self._trembles * np.sin(self._fast * t_s))
 
 
-def given_j(devices: list[tuple[float, float]], n: int, lasts_s: float, *, seed: int = 1) -> Floats:
-    """Return the largest energy that each manipulation was given, J, shape (n,), on each device in turn."""
-    rng, period_s = np.random.default_rng(seed), 1 / RATE_HZ
+def given_j(devices: list[tuple[float, float]], n: int, lasts_s: float, *, gap: int = 0) -> tuple[Floats, Floats]:
+    """Return the largest energy that each manipulation was given, and the most by which a gap of so many cycles gave
+    more than the law would along the same path, J, each (n,). The devices take turns.
+    """
+    rng, period_s = np.random.default_rng(1), 1 / RATE_HZ
     b, kg = np.array([devices[i % len(devices)] for i in range(n)]).T
     moved_kg = kg + HAND_KG
     hand_n_m, hand_n_s_m = rng.uniform(150.0, 1000.0, n), rng.uniform(2.0, 7.0, n)
@@ -81,7 +86,7 @@ def given_j(devices: list[tuple[float, float]], n: int, lasts_s: float, *, seed:
     before = rests.at(0.0)
     m, u = np.minimum(before, -1e-3), np.zeros(n)
     seen, seen_s, seen_s2, sent = m.copy(), np.zeros(n), np.zeros(n), np.zeros(n)
-    energy, most = np.zeros(n), np.full(n, -inf)
+    energy, most, more, mostly = np.zeros(n), np.full(n, -inf), np.zeros(n), np.zeros(n)
     part_s = period_s / PARTS
     for cycle in range(round(lasts_s * RATE_HZ)):
         read = COUNT_M * np.rint((m + rng.normal(0.0, NOISE_M, n)) / COUNT_M)
@@ -89,7 +94,10 @@ def given_j(devices: list[tuple[float, float]], n: int, lasts_s: float, *, seed:
         ahead = seen + (seen_s + by * (period_s / 2)) * period_s
         off = read - ahead
         seen, seen_s, seen_s2 = ahead + alpha * off, seen_s + by * period_s + beta * off, seen_s2 + gamma * off
-        sent = np.where(seen > 0, np.clip(STIFFNESS_N_M * seen + DAMPING_N_S_M * seen_s, 0.0, LIMIT_N), 0.0)
+        place = cycle % EVERY
+        law = np.where(seen > 0, np.clip(STIFFNESS_N_M * seen + DAMPING_N_S_M * seen_s, 0.0, LIMIT_N), 0.0)
+        sent = sent if 0 < place <= gap else law
+        more = more if place else np.zeros(n)
         now = rests.at((cycle + 1) * period_s)
         pull = hand_n_m * (before + now) / 2 + hand_n_s_m * (now - before) / period_s - sent
         before = now
@@ -97,9 +105,11 @@ def given_j(devices: list[tuple[float, float]], n: int, lasts_s: float, *, seed:
             gone, speed = mm * m + mu * u + mp * pull, um * m + uu * u + up * pull
             # The speed changes evenly from part to part.
             energy += -sent * (gone - m) - b * part_s * (u * u + u * speed + speed * speed) / 3
+            more = more - (sent - law) * (gone - m)
             m, u = gone, speed
         most = np.maximum(most, energy)
-    return most
+        mostly = np.maximum(mostly, more) if place == gap else mostly
+    return most, mostly
 
 
 def crossed_j(hz: float, b: float, n: int, lasts_s: float, *, seed: int = 1) -> Floats:
@@ -143,11 +153,14 @@ def main() -> None:
     print("SIMULATED hands; K = 2500 N/m, C = 100 N s/m, limit 3 N, 2.5 kHz, told 0.05 kg")
     for counted in (0.0, 2.0):
         devices = shown(counted_n_s_m=counted)
-        found = given_j(devices, count, lasts_s)
+        found, _ = given_j(devices, count, lasts_s)
+        gaps, more = given_j(devices, count, lasts_s, gap=GAP)
         print(
             f"{counted:g} N s/m counted on from the hand: {len(devices)} of {of} devices are shown the block; "
             f"{np.sum(found > MOST_J)} of {count} manipulations of {lasts_s:g} s are given more than 0.1 mJ, most "
-            f"{1e3 * found.max():.4f} mJ"
+            f"{1e3 * found.max():.4f} mJ; with a gap of {1e3 * (GAP + 1) / RATE_HZ:g} ms in each {EVERY / RATE_HZ:.2g} "
+            f"s {np.sum(gaps > MOST_J)}, most {1e3 * gaps.max():.4f} mJ; a gap gives {1e3 * more.max():.3f} mJ at most "
+            f"above the law along the same path, in the middle {1e3 * np.quantile(more, 0.5):.3f} mJ"
         )
     block = load(shipped("crossover.toml")).table(Tapping)
     given = {"stiffness_n_m": block.stiffness_n_m, "damping_n_s_m": block.damping_n_s_m, "period_s": 1 / RATE_HZ}

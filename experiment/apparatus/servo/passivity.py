@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.experiment.apparatus.servo.observer import least_kg, observer_of
+from palpate.experiment.apparatus.servo.process import SILENT_NS
 from palpate.experiment.errors import RigError
 from palpate.experiment.synthesis.contact.observer import Observer
 from palpate.experiment.synthesis.contact.sampled import Complexes, passive_from_n_s_m
@@ -79,8 +80,18 @@ def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[boo
             return False, f"{block}; it trembles on less than {least:g} kg, and the device has {observer.mass_kg:g} kg."
         needed = needed_damping_n_s_m(observer, stiffness_n_m=k, damping_n_s_m=c, delay_s=delay_s, samples=samples)
         speed = f"; the servo is told the force that it sent, and a mass of {observer.mass_kg:g} kg"
-    return needed <= device.borne_n_s_m, (
-        f"{block}{speed}: that is passive on a device with {needed:.4g} N s/m of its own, and {has}."
+    fits = needed <= device.borne_n_s_m
+    told = f"{block}{speed}: that is passive on a device with {needed:.4g} N s/m of its own, and {has}."
+    return fits, f"{told} {_held(virtual, device)}" if fits else told
+
+
+def _held(virtual: Tapping, device: ServoRig) -> str:
+    """Return what a late cycle costs: its force at most, times the fastest hand, for as long as that is no fault."""
+    late_ms = SILENT_NS / 1e6
+    most_mj = device.full_scale_n * virtual.fastest_mm_s / 1e3 * late_ms
+    return (
+        f"A cycle may come up to {late_ms:g} ms late before the force ends; the force held meanwhile gives the hand up "
+        f"to {most_mj:.3g} mJ more, {device.full_scale_n:g} N times {virtual.fastest_mm_s:g} mm/s times {late_ms:g} ms."
     )
 
 

@@ -54,6 +54,12 @@ def bears(block: Tapping = PAPER, **changed: Any) -> bool:
     return passivity.judged(block, device(**changed), TRACKER)[0]
 
 
+def test_what_a_late_cycle_gives_is_told_of_a_block_that_fits() -> None:
+    """3 N at 175 mm/s for 2 ms."""
+    told = dict(passivity.judged(PAPER, device(damping_n_s_m=b), TRACKER) for b in (101, 100))
+    assert ["1.05 mJ" in told[fits] for fits in (True, False)] == [True, False]
+
+
 def test_the_papers_block_needs_100_5_n_s_m_where_no_mass_is_known(approved: SnapshotAssertion) -> None:
     """2500 N/m * 400 us / 2 + 100 N s/m."""
     assert bears(damping_n_s_m=100.51)
