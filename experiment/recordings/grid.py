@@ -62,16 +62,16 @@ def even(times_s: Floats, lines: Lines, stated: Stated) -> Grid:
 
     Raises `RecordingError` below two samples, and where a step is not even or a sample is off the grid.
     """
-    median = _median_step(times_s)
-    steps = np.diff(times_s)
-    worst = int(np.argmax(np.abs(steps - median)))
-    even_steps = 0 < median < np.inf and abs(steps[worst] - median) <= LARGEST_STEP_ERROR * median
+    steps, median = _steps(times_s)
+    off = max(float(steps.max()) - median, median - float(steps.min()))
+    even_steps = 0 < median < np.inf and off <= LARGEST_STEP_ERROR * median
     grid = _departure(times_s) if even_steps else None
     if grid is not None and grid.jitter <= LARGEST_STEP_ERROR:
         return grid
     if (rounded := _rounded(times_s)) is not None:
         return rounded
     if grid is None:
+        worst = int(np.argmax(np.abs(steps - median)))
         raise RecordingError(
             f"got a time step of {steps[worst]:g} s",
             remedy=_evenly(times_s, stated, "record without gaps, or cut the file there"),
@@ -109,7 +109,7 @@ def resampled(times_s: Floats, samples: Floats, lines: Lines) -> Resampled | Non
     None where they lie on an even grid already. Raises `RecordingError` for times that do not rise, and for a gap of
     more than `LONGEST_GAP` missing samples.
     """
-    median, steps = _median_step(times_s), np.diff(times_s)
+    steps, median = _steps(times_s)
     if _departure(times_s).jitter <= SEEN or _rounded(times_s) is not None:
         return None
     if not (steps > 0).all():
@@ -158,15 +158,17 @@ def clipping(samples: NDArray[np.generic]) -> Clipping | None:
         return None
     ends: list[float] = []
     lengths: list[int] = []
-    for sign in (1.0, -1.0):
-        signed = sign * values
-        end = float(signed.max())
-        turns = np.diff(np.concatenate(([0], (signed == end).astype(np.int8), [0])))
+    for end in (float(values.max()), float(values.min())):
+        at_end = values == end
+        if np.count_nonzero(at_end) < CLIPPED_RUN:
+            continue
+        turns = np.diff(np.concatenate(([0], at_end.astype(np.int8), [0])))
         runs = np.flatnonzero(turns == -1) - np.flatnonzero(turns == 1)
         runs = runs[runs >= CLIPPED_RUN]
-        beside = np.count_nonzero(signed == signed[signed < end].max())
+        others = values[~at_end]
+        beside = np.count_nonzero(others == (others.max() if end > others[0] else others.min()))
         if end and CROWDED * beside < runs.sum() < RESTS * values.size:
-            ends.append(sign * end)
+            ends.append(end)
             lengths += runs.tolist()
     return Clipping(sum(lengths), len(lengths), tuple(ends)) if len(lengths) > 1 else None
 
@@ -216,7 +218,7 @@ def _rounded(times_s: Floats) -> Grid | None:
 
 def _evenly(times_s: Floats, stated: Stated, otherwise: str) -> Remedy | str:
     """Return what to do about uneven times: resample them, where that is possible."""
-    steps, median = np.diff(times_s), _median_step(times_s)
+    steps, median = _steps(times_s)
     if (steps >= 0).all() and not (steps > 0).all():
         words = "export times with more digits, or state the rate of the recorder"
         return stated.remedy(words, "--rate", f"{_roundest_rate(steps):.12g}" if times_s[-1] > 0 else "HZ")
@@ -238,17 +240,21 @@ def _missing(steps: Floats) -> NDArray[np.int64]:
     return np.maximum(np.floor(steps + 0.1).astype(np.int64) - 1, 0)
 
 
-def _median_step(times_s: Floats) -> float:
+def _steps(times_s: Floats) -> tuple[Floats, float]:
+    """Return the steps of times, shape (n - 1,), and their median."""
     if times_s.size < 2:
         raise RecordingError(
             f"got {times_s.size} rows", remedy="record longer", allowed="two or more, for a sampling rate"
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        return float(np.median(np.diff(times_s)))
+        steps = np.diff(times_s)
+        return steps, float(np.median(steps))
 
 
 def _departure(times_s: Floats) -> Grid:
     mean = float(times_s[-1] / max(times_s.size - 1, 1))
     if not (mean > 0 and np.isfinite(1 / mean)):
         raise RecordingError(f"got time steps of {mean:g} s", remedy="correct the unit of time", allowed="longer ones")
-    return Grid(1 / mean, float(np.abs(times_s - mean * np.arange(times_s.size)).max()) / mean)
+    off = mean * np.arange(times_s.size)
+    off -= times_s
+    return Grid(1 / mean, max(float(off.max()), -float(off.min())) / mean)

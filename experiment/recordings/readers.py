@@ -403,9 +403,10 @@ def _on_grid(
             allowed="a time in every row", line=clock.lines[int(np.argmin(there))],
         )  # fmt: skip
     second, kept = unit_s(clock, stated, header_rates_hz), _present(signal, stated)
-    times_s, samples, lines = since_first(clock, second)[kept], signal.values.astype(np.float64)[kept], clock.lines
+    times_s, samples, lines = since_first(clock, second), signal.values.astype(np.float64), clock.lines
     if kept.size < signal.values.size:
-        times_s, lines = times_s - times_s[0], Kept(clock.lines, kept)
+        times_s, samples, lines = times_s[kept] - times_s[kept[0]], samples[kept], Kept(clock.lines, kept)
+    times_s = times_s[: samples.size]
     made = grid.resampled(times_s, samples, lines) if stated.resample else None
     on = grid.even(times_s, lines, stated) if made is None else made.grid
     doubts = _missing(file, signal, kept)
