@@ -3,8 +3,8 @@
 Trials without an answer are not right. Timing counts every attempt.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -128,7 +128,10 @@ class MaskerLevels:
 
 @dataclass(frozen=True)
 class TimeCourse:
-    """The course of each task; `statements` say why a task lacks one of these."""
+    """The course of each task; `statements` say why a task lacks one of these.
+
+    `ahead_ms` is how long before contact a stimulus was to begin, for each task of which the protocol says so.
+    """
 
     learning: Mapping[str, tuple[Window, ...]]
     speed: Mapping[str, tuple[SpeedBin, ...]]
@@ -136,6 +139,7 @@ class TimeCourse:
     masker: Mapping[str, tuple[MaskerLevels, ...]]
     timing: Mapping[str, tuple[Timing, ...]]
     statements: Mapping[tuple[str, str], str]
+    ahead_ms: Mapping[str, float] = field(default_factory=dict)
 
 
 def course_of(study: Study) -> TimeCourse:
@@ -162,7 +166,16 @@ def course_of(study: Study) -> TimeCourse:
         {task: _masker(trials) for task, trials in known[MASKER].items()},
         timed,
         said,
+        {task: ms for task, ms in _ahead_ms(study) if task in known[ONSET]},
     )
+
+
+def _ahead_ms(study: Study) -> Iterator[tuple[str, float]]:
+    """Yield each task whose stimulus begins before contact, and how long before."""
+    protocols = [part.protocol for part in study.parts if part.protocol is not None]
+    for task in (task for protocol in protocols for task in protocol.tasks):
+        if task.ahead is not None:
+            yield task.id, -task.ahead.delay_ms
 
 
 def _learning(trials: pd.DataFrame) -> tuple[Window, ...]:

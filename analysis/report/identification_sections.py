@@ -431,7 +431,11 @@ def _onsets(found: TimeCourse) -> Table:
          "sd": one.sd_ms, "largest_ms": one.largest_ms}
         for task, one in found.onsets.items()
     ]  # fmt: skip
-    return tabulate("Measured onset minus contact", ONSETS, records, in_print={"largest_ms"})
+    notes = [
+        f"In {task} the stimulus was to begin {ms:g} ms before contact: {-ms:g} ms is on time there."
+        for task, ms in found.ahead_ms.items()
+    ]
+    return tabulate("Measured onset minus contact", ONSETS, records, notes, in_print={"largest_ms"})
 
 
 def _timing(found: TimeCourse) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,8 @@ def test_onset_errors_and_masker_levels_are_read_where_they_are(tmp_path: Path, 
     titles = [table.title for table in course_section(found).tables]
     assert len(titles) == 3
     assert titles[-2:] == approved
+    early = course_section(replace(found, ahead_ms={"real": 20.0}))
+    assert [len(table.notes) for table in (course_section(found).tables[-2], early.tables[-2])] == [0, 1]
 
 
 def test_what_a_dataset_lacks_is_said(tmp_path: Path, approved: SnapshotAssertion) -> None:
