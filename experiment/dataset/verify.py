@@ -41,6 +41,9 @@ FOREIGN = (
 )
 """What is said of a register or a number of which no anchor holds."""
 
+ROSTER_FIRST = "restore the roster first, then verify again"
+"""What to do about a file that is compared with a roster which is refused itself."""
+
 WORDS: Mapping[Verdict, Literal["holds", "refused", "note"]] = {
     "passes": "holds",
     "refuses": "refused",
@@ -109,7 +112,8 @@ def verify(
     ours = [place for place in evidence if place not in foreign]
     readable = people if rosters or storage.plan_path(root).exists() else None
     unlike = [_inside(root, one) for one in register.contradictions(root, readable, files, ours)]
-    unlike += _other_seal(root, ours)
+    older = any(one.where == roster.relative_to(root).as_posix() for one in unlike)
+    unlike += _other_seal(root, ours, several=older or bool(people.approved))
     refused = {str(finding.where) for finding in (*findings, *unlike) if finding.refuses}
     unlike += [Finding(FOREIGN, place.place) for place in foreign]
     whole = Sessions(root, sessions=tuple(sessions))
@@ -124,7 +128,7 @@ def verify(
     findings += [*_erased(root, people), *told, *unlike]
     there = {name for name, lines in files.items() if lines}.union(str(one.where) for one in unlike)
     findings += _without_session(people, there)
-    findings = accidents.with_accidents(root, findings)
+    findings = list(_after_the_roster(root, accidents.with_accidents(root, findings), unlike))
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
     kinds = "a shared copy" if storage.shared_path(root).exists() else kinds
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(findings, files, evidence)))
@@ -336,6 +340,9 @@ def rig_files(dataset: Sessions) -> Iterator[Finding]:
     """Yield each rig file, with its response table, that is not the one that the journal beside it names."""
     for path, header in dataset.sessions:
         file = storage.rig_path(path)
+        if not file.exists() and not file.is_symlink():
+            yield Finding("is missing, and the journal beside it names it", file, remedy="restore it from a backup")
+            continue
         try:
             rig = rigs.session_rig(file, header.rig_sha256)
             if rig.actuator.shaping:
@@ -506,16 +513,38 @@ def _is_foreign(place: Evidence, files: Mapping[str, Sequence[str]]) -> bool:
     return bool(place.guard) and other and not same
 
 
-def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
-    """Tell a seal that is not the one that was anchored, by the first anchor that has another."""
+def _after_the_roster(root: Path, findings: Sequence[Finding], unlike: Sequence[Finding]) -> Iterator[Finding]:
+    """Yield findings; those that compare with a roster that is refused itself have it restored first."""
+    roster = storage.roster_path(root).relative_to(root).as_posix()
+    refused = [one for one in findings if one.refuses and one.where == roster]
+    by_accident = any(one.check == accidents.CHECK for one in refused)
+    for one in findings:
+        if refused and one.refuses and one.check in ("journals", "facts") and one.where != roster:
+            yield replace(one, remedy=ROSTER_FIRST)
+        elif by_accident and one in unlike and not (root / one.where).exists():
+            yield replace(one, verdict="unknown")
+        else:
+            yield one
+
+
+def _other_seal(root: Path, evidence: Sequence[Evidence], *, several: bool) -> Iterator[Finding]:
+    """Tell a seal that is not the one that was anchored, by the first anchor that has another.
+
+    With `several` approvals, or if some may be lost, it is not known which one's it was.
+    """
     path, kept = approval.seal_path(storage.protocol_path(root)), checks.seals(root)
     for place in evidence:
         for anchor in place.anchors:
             if anchor.seal_sha256 not in (None, *kept):
                 day = anchor.anchored_utc[:10]
-                unlike = "is another than" if kept else "is missing, and was there"
-                text = f"{unlike} by the anchor of {day} in {place.place}; restore it from a backup"
-                yield Finding(text, path.relative_to(root).as_posix())
+                by = f"by the anchor of {day} in {place.place}"
+                if several and kept:
+                    text = f"one of an approval is missing, or is another than {by}; restore all from a backup"
+                    yield Finding(text, "seals")
+                else:
+                    unlike = "is another than" if kept else "is missing, and was there"
+                    text = f"{unlike} {by}; restore it from a backup"
+                    yield Finding(text, path.relative_to(root).as_posix())
                 return
 
 

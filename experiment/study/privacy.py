@@ -1,6 +1,7 @@
 """Who else can read what participants gave, and which files beside those of palpate may hold it."""
 
 import re
+import shlex
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -9,7 +10,11 @@ from palpate.experiment import storage
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol import files
 
-CLOSING = "take that from them (chmod -R go-rwx), or use a file system that has modes or is mounted for you alone"
+
+def to_close(dataset: Path) -> str:
+    """Return what to do where others can read."""
+    command = f"chmod -R go-rwx {shlex.quote(str(dataset))}"
+    return f"take that from them ({command}), or use a file system that has modes or is mounted for you alone"
 
 
 def readable_by_others(dataset: Path) -> tuple[Path, ...]:
@@ -36,7 +41,7 @@ def _is_open(path: Path, bits: int) -> bool:
 def readers_warning(dataset: Path) -> str:
     """Return in words what `readable_by_others` found, and what to do; empty for nothing."""
     shown = ", ".join(map(str, readable_by_others(dataset)))
-    return f"Others on this machine can read {shown}; {CLOSING}." if shown else ""
+    return f"Others on this machine can read {shown}; {to_close(dataset)}." if shown else ""
 
 
 _KNOWN = re.compile(

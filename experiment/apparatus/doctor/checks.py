@@ -31,7 +31,7 @@ from palpate.experiment.clock import Clock, day, wall_ns
 from palpate.experiment.errors import ActuatorError, Finding, PalpateError, Remedy, Verdict
 from palpate.experiment.findings import wrapped
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.study.privacy import CLOSING, readable_by_others
+from palpate.experiment.study.privacy import readable_by_others, to_close
 
 COLORS: Mapping[Verdict, str] = {"passes": "green", "unknown": "not checked", "refuses": "red"}
 """How a verdict is shown, and its word in the document for programs."""
@@ -398,7 +398,7 @@ def writing(folder: Path, clock: Clock) -> Finding:
 def privacy(folder: Path) -> Iterator[Finding]:
     """Yield what others on this machine can read of a dataset's people, seed and roster; nothing where they cannot."""
     if shown := readable_by_others(folder):
-        yield Finding(f"others can read {', '.join(map(str, shown))}", remedy=CLOSING, check="privacy")
+        yield Finding(f"others can read {', '.join(map(str, shown))}", remedy=to_close(folder), check="privacy")
 
 
 def _there(folder: Path) -> Path:

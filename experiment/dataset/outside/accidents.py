@@ -109,20 +109,35 @@ def _copies(root: Path) -> Iterator[Finding]:
         if system:
             yield _accident(f"was left by {system}, and holds no data", path, root, _delete(path))
             continue
-        stem, dot, ending = path.name.rpartition(".")
-        marked = next((one for one in COPY.finditer(stem) if one.end() == len(stem) or stem[one.end()] == "."), None)
-        original = path.with_name(f"{stem[: marked.start()]}{stem[marked.end() :]}{dot}{ending}") if marked else path
-        if not marked or not original.exists():
-            continue
-        same = path.is_file() and path.read_bytes() == original.read_bytes()
-        other = original.name
-        compare = f"compare both, keep the one that is whole as {other}, and take this one out"
-        what = f"is {'an identical copy' if same else 'another version'} of {other}, made by a sync program"
-        yield _accident(what, path, root, _delete(path) if same else compare)
+        if (original := _original(path)) is not None:
+            yield _copy(root, path, original, same=path.is_file() and path.read_bytes() == original.read_bytes())
+    for folder in sorted([*root.glob("sub-*"), *root.glob("sourcedata/sub-*")]):
+        if folder.is_dir() and (original := _original(folder)) is not None:
+            yield _copy(root, folder, original, same=_contents(folder) == _contents(original))
+
+
+def _original(path: Path) -> Path | None:
+    """Return the file or folder of which a sync program made this copy, by its name; None where there is none."""
+    stem, dot, ending = path.name.rpartition(".") if "." in path.name else (path.name, "", "")
+    marked = next((one for one in COPY.finditer(stem) if one.end() == len(stem) or stem[one.end()] == "."), None)
+    original = path.with_name(f"{stem[: marked.start()]}{stem[marked.end() :]}{dot}{ending}") if marked else path
+    return original if marked and original.exists() else None
+
+
+def _copy(root: Path, path: Path, original: Path, *, same: bool) -> Finding:
+    other = original.name
+    compare = f"compare both, keep the one that is whole as {other}, and take this one out"
+    what = f"is {'an identical copy' if same else 'another version'} of {other}, made by a sync program"
+    return _accident(what, path, root, _delete(path) if same else compare)
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    files = (path for path in folder.rglob("*") if path.is_file() and path.suffix != ".lock")
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 def _delete(path: Path) -> Remedy:
-    return Remedy("delete it", ("rm", str(path)))
+    return Remedy("delete it", ("rm", *(("-r",) if path.is_dir() else ()), str(path)))
 
 
 def _other_forms(files: Sequence[Path], root: Path) -> Iterator[Finding]:
@@ -152,6 +167,8 @@ def with_accidents(root: Path, findings: Sequence[Finding]) -> list[Finding]:
 
 
 def _explains(accident: Finding, refusal: Finding) -> bool:
-    """Return whether a refusal is of the same file; a journal and its head are one."""
+    """Return whether a refusal is of the same file, or of one in a folder; a journal and its head are one."""
+    if "sub-" in str(accident.where) and str(refusal.where).startswith(f"{accident.where}/"):
+        return True
     name = unicodedata.normalize("NFC", str(accident.where))
     return re.sub(r"\.(jsonl|head)$", "", name) == re.sub(r"\.(jsonl|head)$", "", str(refusal.where))

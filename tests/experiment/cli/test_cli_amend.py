@@ -15,7 +15,8 @@ import palpate as library
 from palpate.experiment import storage
 from palpate.experiment.dataset import status, verify
 from palpate.experiment.errors import PalpateError, Remedy, RosterError
-from palpate.experiment.protocol import files
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.records import chain
 from palpate.experiment.study import amendment
 from palpate.experiment.study.admission import admit
 from palpate.experiment.study.roster import Roster
@@ -122,6 +123,12 @@ def test_status_knows_a_session_that_was_run_where_the_amendment_began_a_day_ear
     new = {"seal_sha256": known.approved[-1].seal_sha256, "consent_sha256": known.approved[-1].protocol_sha256}
     study.run(study.header(third.participant, third.tasks[0]).model_copy(update=new))
     assert to_consent(study, today - timedelta(days=1)) == ["01", "02"]
+    roster = storage.roster_path(study.root)
+    for path in (roster, chain.head_path(roster)):
+        path.unlink()
+    own = storage.journal_path(study.root, third.participant, third.tasks[0]).relative_to(study.root).as_posix()
+    refused = {str(one.where): one.remedy for one in verify.verify(study.root).findings if one.refuses}
+    assert refused[own] == verify.ROSTER_FIRST
 
 
 @pytest.mark.parametrize("begins", [0, 7])
@@ -183,6 +190,15 @@ def test_a_suspension_alone_is_recorded_of_a_dataset_that_is_damaged(study: Made
     told = ("--deviation", "door open", "--done", "closed it", "--dataset", study.root)
     assert palpate("incident", study.file, *told)[0] == 2
     assert len(Roster.load(roster).incidents) == 1
+
+
+def test_a_lost_approval_accuses_no_seal_of_another(study: MadeStudy, palpate: Palpate) -> None:
+    assert palpate(*changed(study, palpate), "--in-progress", "old", "--reconsent", "nobody", "--yes")[0] == 0
+    lost = storage.protocol_path(study.root, 2)
+    for path in (lost, approval.seal_path(lost)):
+        path.unlink()
+    refused = {str(one.where) for one in verify.verify(study.root).findings if one.refuses}
+    assert refused == {"sourcedata/protocol-2.toml", "seals"}
 
 
 def test_a_seal_that_has_expired_renews_nothing(study: MadeStudy, palpate: Palpate) -> None:

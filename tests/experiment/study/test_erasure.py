@@ -116,6 +116,14 @@ def test_what_a_backup_brings_back_is_refused_until_it_is_erased_again(made: Mad
     assert erased(study)
 
 
+def test_other_line_ends_of_the_roster_accuse_no_file_that_was_erased(study: MadeStudy) -> None:
+    checks.keep_anchor(study.root)
+    erase(study)
+    path = storage.roster_path(study.root)
+    path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    assert [one.where for one in verify(study.root).findings if one.refuses] == ["sourcedata/roster.jsonl"]
+
+
 def test_a_roster_that_forgot_the_erasure_is_refused(made: MadeStudy, study: MadeStudy, refuses: Refuses) -> None:
     erase(study)
     for name in ("roster.jsonl", "roster.head"):

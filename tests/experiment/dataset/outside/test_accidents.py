@@ -67,6 +67,10 @@ def other_form(path: Path) -> Path:
     return left
 
 
+def twice(path: Path) -> Path:
+    return Path(shutil.copytree(path, path.with_name(f"{path.name} 2")))
+
+
 CASES: dict[str, tuple[str, Callable[[Path], Path], str]] = {
     "line ends of a journal": (f"{JOURNAL}.jsonl", line_ends, "refuses"),
     "line ends of a head": (f"{JOURNAL}.head", line_ends, "refuses"),
@@ -85,6 +89,7 @@ CASES: dict[str, tuple[str, Callable[[Path], Path], str]] = {
     ),
     "a download": ("participants.tsv", beside("participants (1).tsv"), "unknown"),
     "OneDrive": ("participants.tsv", beside("participants-DESKTOP-A1B2.tsv"), "unknown"),
+    "a copy of a folder": ("sourcedata/sub-01", twice, "refuses"),
     "another Unicode form": ("sourcedata/protocol.toml", other_form, "unknown"),
 }
 
