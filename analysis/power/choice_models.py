@@ -36,6 +36,9 @@ MOST_SPREAD = 0.999
 PRINTED = "tables"
 """What print has of answers."""
 
+NUMBERS = "0.8,0.15: the share of right answers, and how unlike participants are"
+"""What two numbers say."""
+
 
 @dataclass(frozen=True)
 class Answers:

@@ -12,11 +12,12 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.special import expit, stdtr
+from scipy.special import expit, logit, stdtr
 
 from palpate.analysis.designs.comparison.results import CHOSEN
 from palpate.analysis.documents.tables import Column, Record, tabulate
 from palpate.analysis.power.planned_tests import ABOUT, Answer, Answers, Design, Model, Question, Shown
+from palpate.analysis.power.stated import StatedValue, by_task
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading import dataset
 from palpate.analysis.statistics.exact import Floats, Integers
@@ -25,7 +26,7 @@ from palpate.experiment.errors import PowerError
 from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
-from palpate.experiment.settings.load import Confined, Label, Name, Text
+from palpate.experiment.settings.load import Confined, Text
 
 STEPS, FAR = 40, 15.0
 """The most of Newton's steps, and the value in logits beyond which a scale counts as one without limit."""
@@ -37,6 +38,11 @@ PLANNED = "Bradley-Terry"
 
 PRINTED = "percentages"
 """What print has of choices."""
+
+NUMBERS = (
+    "0.7,0.5: the share of choices of a material over the one before it, and how unlike participants are, in logits"
+)
+"""What two numbers say."""
 
 MEAN = (
     "The values are those of all participants' choices together, which lie nearer to each other than those of one "
@@ -103,14 +109,6 @@ class PairModel(Model):
         return paragraphs, (replace(table, records=tuple(records)),)
 
 
-class StatedValue(Confined):
-    """The value of one material, in logits, in one task or, where none is named, in all."""
-
-    task: Label | None = None
-    material: Name
-    value: float
-
-
 class StatedPairs(Confined):
     """A model of comparisons as a file states it; spreads are SDs among participants, in logits."""
 
@@ -142,21 +140,28 @@ def stated(file: Path, protocol: Protocol) -> PairModel:
     """Return the model of a TOML file."""
     tasks, ids = planned_tasks(protocol)
     stated = load.read(file, StatedPairs)
-    if strange := [one.task for one in stated.values if one.task not in (None, *tasks)]:
-        raise PowerError(f"{file}: got a value in task {strange[0]}; allowed: {', '.join(tasks)}, or none; mend it")
-    observers = []
-    for task in tasks:
-        given = [one for one in stated.values if one.task in (None, task)]
-        if sorted(one.material for one in given) != sorted(ids):
-            raise PowerError(
-                f"{file}, task {task}: got values of {', '.join(one.material for one in given) or 'no material'}; "
-                f"allowed: each material of the protocol once: {', '.join(ids)}; mend it"
-            )
-        values = {one.material: one.value for one in given}
-        at = np.array([values[name] for name in ids])
-        ranks = ranked(protocol, at)
-        observers.append(Observers(task, at - at.mean(), stated.order, stated.spread, stated.order_spread, ranks))
+    observers = [
+        Observers(task, at - at.mean(), stated.order, stated.spread, stated.order_spread, ranked(protocol, at))
+        for task, at in by_task(file, stated.values, tasks, ids)
+    ]
     return PairModel(f"stated in {file.name}: {stated.source}", tuple(observers), _never(observers, ids))
+
+
+def observer(share: float, spread: float, protocol: Protocol) -> PairModel:
+    """Return observers who choose each material over the one before it in this share of trials, and differ by `spread`.
+
+    Raises `PowerError` for a share that is not between 0 and 1.
+    """
+    if not 0 < share < 1:
+        raise PowerError("--model", f"got {share:g},{spread:g}", "give two numbers", allowed="a share between 0 and 1")
+    tasks, ids = planned_tasks(protocol)
+    values = np.asarray(logit(share) * (np.arange(len(ids)) - (len(ids) - 1) / 2), dtype=np.float64)
+    every = tuple(Observers(task, values, 0.0, spread, spread, ranked(protocol, values)) for task in tasks)
+    said = (
+        f"observers who choose each material over the one before it in {share:g} of trials, and whose values differ by "
+        f"an SD of {spread:g} logits"
+    )
+    return PairModel(said, every, _never(every, ids))
 
 
 def from_print(printed: Published, protocol: Protocol) -> PairModel:

@@ -247,14 +247,13 @@ def find(name: str, protocol: Protocol) -> Model:
         found = models.fitted(path, protocol)
     elif not own and (path.suffix == ".toml" or path.exists()):
         found = models.stated(path, protocol)
-    elif (numbers := re.fullmatch(r"(\d*\.?\d+),(\d*\.?\d+)", name)) and planned.name == "identification":
+    elif numbers := re.fullmatch(r"(\d*\.?\d+),(\d*\.?\d+)", name):
         found = models.observer(float(numbers[1]), float(numbers[2]), protocol)
     else:
         raise PowerError(
             f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study "
-            f"whose printed {models.PRINTED} palpate holds, the folder of a dataset, a TOML file, or, where materials "
-            "are named, two numbers, 0.8,0.15: the share of right answers, and how unlike participants are; give one "
-            "of these"
+            f"whose printed {models.PRINTED} palpate holds, the folder of a dataset, a TOML file, or two numbers, "
+            f"{models.NUMBERS}; give one of these"
         )
     return found
 

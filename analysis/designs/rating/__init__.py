@@ -260,4 +260,5 @@ DESIGN = AnalysisDesign(
     methods=methods,
     export=_export,
     figures="palpate.analysis.designs.rating.figures",
+    power="palpate.analysis.power.ratings",
 )

@@ -154,8 +154,8 @@ def power(
         typer.Option(
             "--model",
             help="How simulated participants answer: as in the 'published' tables of this study, as in another "
-            "published study (its id), as in a dataset (its folder), as a TOML file says, or by two numbers: how "
-            "often right, and how unlike (0.8,0.15).",
+            "published study (its id), as in a dataset (its folder), as a TOML file says, or by two numbers, such "
+            "as how often right, and how unlike (0.8,0.15).",
         ),
     ] = "published",
     participants: Annotated[

@@ -177,6 +177,15 @@ def test_a_file_states_a_model_for_all_tasks_or_for_each(tmp_path: Path, refuses
         find("nobody", wellman())
 
 
+def test_two_numbers_give_how_often_the_next_material_is_chosen_and_how_unlike_observers_are() -> None:
+    found = find("0.75,0.5", wellman())
+    for one in found.tasks:
+        assert np.diff(one.values) == pytest.approx([np.log(3)] * 4)
+        assert (one.order, one.spread, one.order_spread) == (0.0, 0.5, 0.5)
+    with pytest.raises(PowerError):
+        find("1.2,0.5", wellman())
+
+
 def test_a_dataset_gives_each_task_its_scale_and_its_participants_spread(tmp_path: Path, refuses: Refuses) -> None:
     study = wellman()
     names = [material.id for material in study.materials]
