@@ -82,10 +82,10 @@ def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[boo
         speed = f"; the servo is told the force that it sent, and a mass of {observer.mass_kg:g} kg"
     fits = needed <= device.borne_n_s_m
     told = f"{block}{speed}: that is passive on a device with {needed:.4g} N s/m of its own, and {has}."
-    return fits, f"{told} {_held(virtual, device)}" if fits else told
+    return fits, f"{told} {_of_a_late_cycle(virtual, device)}" if fits else told
 
 
-def _held(virtual: Tapping, device: ServoRig) -> str:
+def _of_a_late_cycle(virtual: Tapping, device: ServoRig) -> str:
     """Return what a late cycle costs: its force at most, times the fastest hand, for as long as that is no fault."""
     late_ms = SILENT_NS / 1e6
     most_mj = device.full_scale_n * virtual.fastest_mm_s / 1e3 * late_ms
