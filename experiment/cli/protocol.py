@@ -85,6 +85,10 @@ def new(
     repetitions: Annotated[
         int | None, typer.Option("--repetitions", help="How often a task presents each material.")
     ] = None,
+    training: Annotated[
+        int | None,
+        typer.Option("--training", help="Begin each task with so many trials with feedback, which never count."),
+    ] = None,
     control: Annotated[
         bool,
         typer.Option(
@@ -137,6 +141,7 @@ def new(
     else:
         given = [None if one is None else str(one) for one in (participants, repetitions)]
         text = writing.text(_new_study(writing.NewStudy(id=study_id), title, given, materials, tasks, ask))
+    text = text if training is None else writing.trained(text, training)
     text = writing.controlled(text) if control else text
     file = file or writing.free(Path(study_id))
     if rig is None:

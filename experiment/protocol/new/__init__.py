@@ -9,8 +9,9 @@ import string
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import tomlkit
 
@@ -178,30 +179,54 @@ def controlled(text: str) -> str:
     made = tomlkit.parse(tomlkit.dumps({"tasks": [virtual[0].unwrap()]}))["tasks"][0]
     table = {"of": made["id"], "arrangement": ARRANGEMENT}
     made.update({"id": "control", "title": f"Control of {made['title']}", "control": table})
-    lines, place = text.splitlines(keepends=True), _after_tasks(text)
+    lines, place = text.splitlines(keepends=True), _ends_of_tasks(text)[-1]
     lines[place:place] = ["\n", tomlkit.dumps({"tasks": [made.unwrap()]}).rstrip(), "\n"]
     document = tomlkit.parse("".join(lines))
+    trials = made["repetitions"] * len(made.get("materials") or document.get("materials", ()))
+    familiar, break_s = made.get("familiarisation", {}), document["task_order"]["break_min_s"]
+    return _longer(document, trials, [break_s + familiar.get(one, 0) for one in ("min_s", "max_s")])
+
+
+def trained(text: str, trials: int) -> str:
+    """Return the text of a protocol whose tasks each begin with a training of so many trials, with feedback.
+
+    Raises `PalpateError` for a number of trials, or a protocol, that cannot have one.
+    """
+    lines = text.splitlines(keepends=True)
+    places = _ends_of_tasks(text)
+    for place in reversed(places):
+        lines[place:place] = ["\n", "[tasks.training]\n", f"trials = {trials}\n", "feedback = true\n"]
+    try:
+        return _longer(tomlkit.parse("".join(lines)), trials * len(places), (0, 0))
+    except PalpateError as error:
+        raise PalpateError(
+            f"--training {trials}", "this study cannot have it", allowed=error.finding.allowed
+        ) from error
+
+
+def _longer(document: Any, trials: int, more_s: Sequence[float]) -> str:
+    """Return the text of a document of the newest format, whose session has more trials, and takes so many s more."""
     if "duration" in document:
-        trials = made["repetitions"] * len(made.get("materials") or document.get("materials", ()))
-        ends = zip(("shortest_min", "longest_min"), ("min_s", "max_s"), SECONDS_A_TRIAL, strict=True)
-        for key, familiar, each_s in ends:
-            more_s = made.get("familiarisation", {}).get(familiar, 0) + trials * each_s
-            document["duration"][key] += _in_fives((more_s + document["task_order"]["break_min_s"]) / 60)
+        ends = zip(("shortest_min", "longest_min"), more_s, SECONDS_A_TRIAL, strict=True)
+        for key, beside_s, each_s in ends:
+            document["duration"][key] += _in_fives((beside_s + trials * each_s) / 60)
     document["format"] = max(get_args(ProtocolFile.model_fields["format"].annotation))
     written = tomlkit.dumps(document)
     check(written)
     return written
 
 
-def _after_tasks(text: str) -> int:
-    """Return the line where another task goes: after the last one, before the comment of what follows."""
+def _ends_of_tasks(text: str) -> list[int]:
+    """Return the lines after each task, before the comment of what follows."""
     lines = text.splitlines()
     heads = [number for number, line in enumerate(lines) if line.startswith("[")]
-    last = max(place for place, number in enumerate(heads) if lines[number].startswith(("[[tasks", "[tasks")))
-    place = [*heads, len(lines)][last + 1]
-    while place and (not lines[place - 1].strip() or lines[place - 1].startswith("#")):
-        place -= 1
-    return place
+    ends = []
+    for head, following in pairwise([*heads, len(lines)]):
+        if lines[head].startswith(("[[tasks", "[tasks")) and not "".join(lines[following : following + 1]).startswith(
+            "[tasks"
+        ):
+            ends.append(1 + max(k for k in range(head, following) if lines[k].strip() and not lines[k].startswith("#")))
+    return ends
 
 
 ARRANGEMENT = (

@@ -226,3 +226,27 @@ def test_a_new_rig_is_one_that_says_what_is_to_be_measured(palpate: Palpate, typ
         **tomllib.loads(files.shipped("rigs/laboratory.toml").read_text("utf-8")),
         "rig": {"name": "our rig", "simulated": False},
     }
+
+
+@pytest.mark.parametrize("of", [["--kind", "footstep"], ["--kind", "presented"], ["--design", "detection"]])
+def test_a_training_stands_before_the_trials_of_each_task_and_lengthens_the_session(
+    palpate: Palpate, types: Types, of: list[str]
+) -> None:
+    types()
+    assert palpate("new", "plain.toml", *of, "--id", "one", "--yes")[0] == 0
+    assert palpate("new", "a.toml", *of, "--id", "one", "--training", 20, "--yes")[0] == 0
+    plain, made = files.load(Path("plain.toml")), files.load(Path("a.toml"))
+    trainings = [task.training for task in made.tasks]
+    assert [(one and one.trials, one and one.feedback) for one in trainings] == [(20, True)] * len(plain.tasks)
+    assert made.duration
+    assert plain.duration
+    assert made.duration.shortest_min > plain.duration.shortest_min
+    assert palpate("check", "a.toml")[0] == 0
+
+
+def test_a_training_is_refused_where_no_answer_is_right_and_without_trials(palpate: Palpate, types: Types) -> None:
+    types()
+    for design, trials in ("rating", 20), ("identification", 0):
+        kind = ["--kind", "presented", "--design", design]
+        code, _, err = palpate("new", "a.toml", *kind, "--training", trials, "--yes")
+        assert (code, f"--training {trials}" in err, list(Path().iterdir())) == (2, True, [])
