@@ -30,7 +30,7 @@ LESSONS: Mapping[str, str] = {
     "say": "The microphone listens after your key. Ask for the word, then press the key.",
     "rest": "The tracker is zeroed now. Press Enter once the foot rests still on the bare panel.",
     "place": "Only you read what to lay out. Lay it out, then press Enter.",
-    ARMED: "The trial is armed, and the participant acts. You press nothing until the question comes.",
+    ARMED: "The trial is armed. You press nothing until the console asks.",
     "play": "Make sure that the participant is ready, then press Enter. Nothing is felt before that.",
     "answer": "Press the key for what the participant says. Do not repeat it, and do not react to it.",
     ANSWERED: "The participant answers alone. You press nothing unless they ask you for something.",
