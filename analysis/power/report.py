@@ -107,8 +107,8 @@ def _recommended(result: Power) -> str:
     short = "; ".join(f"{title(one)}: {subject(one)}" for one in found.lacking)
     if found.participants is None:
         return ABOUT["none suffices"].substitute(most=result.participants[-1], target=target)
-    left = ABOUT["short"].substitute(most=result.participants[-1], short=short) if found.lacking else ""
-    return f"{ABOUT['recommended'].substitute(n=found.participants, target=target)} {left}".strip()
+    told = ABOUT["short" if found.lacking else "recommended"]
+    return told.substitute(n=found.participants, target=target, most=result.participants[-1], short=short)
 
 
 def _shown(row: Row | None) -> str:
