@@ -527,7 +527,7 @@ def _analysis(protocol: Protocol) -> Iterator[Block]:
 
 
 def _planned(planned: PlannedTest, name: str) -> str:
-    chance = "" if planned.chance is None else f" of {number(planned.chance)}"
+    chance = "" if planned.chance is None else f" of {number(round(planned.chance, 6))}"
     asked = "Question:" if planned.form is None else "Form and question:"
     tasks = f"task{'s' if len(planned.tasks) > 1 else ''} {' and '.join(planned.tasks)}"
     family = "" if planned.correction is None else f"; P adjusted by Holm's method over the {planned.correction}"
