@@ -22,7 +22,7 @@ from palpate.experiment.protocol import designs, kinds
 from palpate.experiment.protocol.approval import Seal, sha256
 from palpate.experiment.protocol.files import ProtocolFile, load, shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.models import Picture, Protocol
 from palpate.experiment.protocol.page import approved as approval_lines
 from palpate.experiment.protocol.page import page as page_of
 from palpate.experiment.session.kinds.tapping.virtual import vibrations
@@ -235,6 +235,13 @@ CASES += [
     for other in others(kind, value)
     if "groups" in path
 ]
+
+PICTURES = tuple(Picture(file=f"{name}.png", sha256=64 * name[0]) for name in ("air", "board"))
+PICTURED = ProtocolFile.model_validate(
+    changed(changed(document(), ("format",), 7), ("tasks", 0, "pictures"), tuple(map(dict, PICTURES[:1])))
+)
+
+CASES += [(PICTURED, ("tasks", 0, "pictures"), "air", other) for other in (PICTURES, PICTURES[1:], None)]
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,7 @@ from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.session import run
-from palpate.experiment.study import enrolment
+from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.schedule import allocate
 here = Path({str(tmp_path)!r})
 file, rig = here / "study.toml", here / "rig.toml"
@@ -134,7 +134,7 @@ today = date.today()
 board, tomorrow = protocol.ethics.board, today + timedelta(1)
 sealing.write(file, protocol, approval_number="1", board=board, approved_on=today, expires_on=tomorrow)
 seed = next(s for s in range(99) if allocate(protocol, s)[0].tasks[0] == "real")
-enrolment.enrol(file, "01", today, root=here / "dataset", seed=seed)
+enrolling.enrol(file, "01", today, root=here / "dataset", seed=seed)
 console = TerminalConsole(write=sys.stderr, ask=lambda _: "y", heading="")
 try:
     run.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",

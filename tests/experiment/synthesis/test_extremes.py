@@ -275,10 +275,9 @@ def test_every_number_that_a_public_function_takes_is_tried() -> None:
     tried = {name.partition(",")[0] for name, _, _ in INPUTS}
     wanted = {"CrinkleSpectra: speeds_mm_s", "CrinkleSpectra: amplitudes", "CrinkleSpectra: signs"}
     wanted |= {"Response: frequencies_hz", "Response: levels_v", "Response: accelerations_m_s2", "Basis.at: speed_mm_s"}
-    for found in pkgutil.iter_modules(synthesis.__path__):
-        if found.name in OF_TAPS:
-            continue
-        module = importlib.import_module(f"{synthesis.__name__}.{found.name}")
+    names = [one.name for one in pkgutil.iter_modules(synthesis.__path__) if one.name not in OF_TAPS]
+    modules = [importlib.import_module(f"{synthesis.__name__}.{name}") for name in names]
+    for module in (*modules, dissimilarity, weighting):
         for node in ast.parse(inspect.getsource(module)).body:
             if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
                 taken = ((one.arg, one.annotation) for one in (*node.args.args, *node.args.kwonlyargs))
