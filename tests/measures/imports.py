@@ -127,7 +127,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     "phase": ("experiment/protocol/kinds/phases.py", "experiment/synthesis/signals/phase.py"),
     "ahead": ("experiment/protocol/kinds/ahead.py", "experiment/session/kinds/footstep/ahead.py"),
     "floor": ("experiment/protocol/kinds/floor.py",),
-    "weight": ("experiment/apparatus/wires/foot_force.py",),
+    "weight": ("experiment/apparatus/doctor/foot_force.py", "experiment/apparatus/wires/foot_force.py"),
     "levels": (
         "experiment/protocol/levels.py",
         "experiment/session/kinds/footstep/levels.py",

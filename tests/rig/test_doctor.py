@@ -17,8 +17,9 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.doctor import checks, devices, doctor
+from palpate.experiment.apparatus.doctor import checks, devices, doctor, foot_force
 from palpate.experiment.apparatus.doctor.devices import Heard
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import MonotonicClock
@@ -277,6 +278,39 @@ def test_a_sensor_beyond_its_calibration_is_red(line: SerialLine, settings: Trac
     assert (found.verdict, found.where) == ("refuses", "tracker")
     assert "beyond 100 mm" in found.what
     assert found.allowed.startswith("-5 to 100 mm")
+
+
+FORCES = [
+    ("as calibrated", (0, -20.0), (4095, 307.6), "passes"),
+    ("a heavier panel", (0, -50.0), (4095, 277.6), "passes"),
+    ("stuck", (250, -1.0), (251, 1e6), "refuses"),
+    ("without power", (0, 10.0), (4095, 337.6), "refuses"),
+    ("amplifier at its end", (4000, -20.0), (8095, 307.6), "refuses"),
+]
+
+
+@pytest.mark.parametrize(("low", "high", "verdict"), [one[1:] for one in FORCES], ids=[one[0] for one in FORCES])
+def test_a_force_sensor_that_is_dead_with_nobody_on_the_panel_is_red(
+    low: tuple[int, float], high: tuple[int, float], verdict: str, line: SerialLine
+) -> None:
+    """The foot's own sensor reads as no longer calibrated, or not at all."""
+    known = tracker_of(rigs.load(shipped("rigs/weight.toml")))
+    document = known.model_dump(exclude_none=True)
+    document["force"]["calibration"] = tuple({"counts": counts, "n": n} for counts, n in (low, high))
+    changed = TrackerRig.model_validate(document)
+    found = foot_force.at_rest(heard(line, known, Foot(line, changed, real_time=True), 0.3).raw, known)
+    assert (found.check, found.verdict) == ("foot force", verdict)
+    if verdict == "passes":
+        zero_n, spread_n = map(float, re.findall(r"-?\d+\.\d+", found.what))
+        assert zero_n == pytest.approx(-20.0 - low[1], abs=0.1)
+        assert spread_n == pytest.approx(0.1, abs=0.03)
+
+
+def test_the_force_is_looked_at_with_the_tracker(line: SerialLine) -> None:
+    tracker = tracker_of(rigs.load(shipped("rigs/weight.toml")))
+    with listening(line, tracker, Foot(line, tracker, real_time=True)) as device:
+        found = {one.check: one.verdict for one in devices.checks(device, tracker, clock=MonotonicClock())}
+    assert found["foot force"] == "passes"
 
 
 @pytest.mark.parametrize(("noise_mm", "verdict"), [(0.15, "passes"), (0.3, "refuses")])

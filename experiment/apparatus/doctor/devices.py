@@ -38,7 +38,7 @@ NOISE_TIMES = 2.0
 class Heard:
     """What a tracker sent: n samples with device times, frames of the link, and of a planar one `along_mm`, shape (n,).
 
-    `delay_ms` is by how much each of m reads came after the line of the clock map.
+    `delay_ms` is by how much each of m reads came after the line of the clock map; `raw` are the bytes of all.
     """
 
     device_us: NDArray[np.int64]
@@ -47,6 +47,7 @@ class Heard:
     link: LinkCounts
     clock_map: ClockMap
     along_mm: NDArray[np.float64] | None = None
+    raw: bytes = b""
 
 
 def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Heard:
@@ -70,6 +71,7 @@ def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Hear
         link=tracker.counts.since(before),
         clock_map=mapped,
         along_mm=np.concatenate(along_mm) if along_mm else None,
+        raw=b"".join(read.raw for read in reads),
     )
 
 
@@ -79,6 +81,11 @@ def checks(tracker: Tracker, settings: TrackerRig, *, clock: Clock) -> tuple[Fin
         heard = listen(tracker, clock=clock)
     except TrackerError as error:
         return (refused("tracker frames", error),)
+    pressed: tuple[Finding, ...] = ()
+    if settings.force is not None:
+        from palpate.experiment.apparatus.doctor import foot_force
+
+        pressed = (foot_force.at_rest(heard.raw, settings),)
     return (
         frames(heard),
         rate(heard, settings),
@@ -87,6 +94,7 @@ def checks(tracker: Tracker, settings: TrackerRig, *, clock: Clock) -> tuple[Fin
         reading(tracker, settings),
         noise(heard, settings),
         *along(heard, settings),
+        *pressed,
     )
 
 

@@ -96,6 +96,10 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
         yield checks.reach(rig, protocol.gate)
     today = day(clock.now_ns())
     yield from checks.ages(rig, today)
+    if rig.tracker is not None and rig.tracker.force is not None:
+        from palpate.experiment.apparatus.doctor import foot_force
+
+        yield foot_force.age(rig, rig.tracker.force, today)
     if protocol is None or protocol.renders:
         yield checks.panel(rig, path, today)
     peak_m_s2 = protocol.exposure.vibration_peak_m_s2 if protocol is not None and protocol.renders else None

@@ -23,10 +23,14 @@ NAME = "left out"
 def omissions(
     protocol: Protocol, rig: Rig, rig_folder: Path, dataset: Path | None, recordings: Path | None
 ) -> Iterator[Finding]:
-    """Yield what a rig leaves out of a study's recordings, and whether the protocol allows that.
+    """Yield what a rig leaves out of a study's recordings, whether the protocol allows it, and a lacking sensor.
 
     Without `recordings` those of the dataset are taken, and without `dataset` the study's own.
     """
+    if protocol.table(Footstep).force:
+        from palpate.experiment.apparatus.doctor import foot_force
+
+        yield from foot_force.missing(rig)
     most = protocol.table(Footstep).synthesis.left_out_max
     allowed = f"{most * 100:.6g}%" if most else "anything, for the protocol has no footstep.synthesis.left_out_max"
     folder = recordings or (dataset or default_root(protocol)) / storage.RECORDINGS

@@ -1,0 +1,63 @@
+"""Checks of the sensor of the foot's force, with nobody on the panel: how old its calibration is, and what it reads.
+
+That is its zero, the panel's own weight and the sensor's drift, which `wires/foot_force.py` takes off each step.
+"""
+
+from collections.abc import Iterator
+from datetime import date
+
+import numpy as np
+
+from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
+from palpate.experiment.apparatus.rig import Rig, tracker_of
+from palpate.experiment.apparatus.tracker import frames, zeroing
+from palpate.experiment.apparatus.tracker.settings import ForceRig, TrackerRig
+from palpate.experiment.apparatus.wires import foot_force
+from palpate.experiment.errors import Finding, Remedy, RigError
+
+NAME = "foot force"
+"""The name of the check of what the sensor reads."""
+
+SEE = "see that the sensor and its amplifier have power, and are on the second input of the tracker's board"
+
+
+def missing(rig: Rig) -> Iterator[Finding]:
+    """Yield that a rig has no such sensor, though a protocol records the force; nothing of one that has."""
+    try:
+        foot_force.check(rig)
+    except RigError as error:
+        yield refused(NAME, error)
+
+
+def age(rig: Rig, force: ForceRig, today: date) -> Finding:
+    """Return how old the calibration is, which holds as many days as that of the heights."""
+    name, days = "foot force age", tracker_of(rig).calibration_days
+    if rig.rig.simulated:
+        return unchecked(name, "calibrations of a simulated rig do not age")
+    old = (today - force.calibrated_on).days
+    if days is None:
+        reason = f"{old} days old, and tracker.calibration_days is not in the rig file"
+        return unchecked(name, reason, Remedy("run {}, which writes it", zeroing.CALIBRATE))
+    anew = "read the sensor again with nothing and with known weights on the panel, and write the day into the rig file"
+    return judged(name, 0 <= old <= days, f"{old} days old", allowed=f"0 to {days} days", remedy=anew)
+
+
+def at_rest(raw: bytes, tracker: TrackerRig) -> Finding:
+    """Return zero and spread of the frames of a panel that nobody is on; a sensor that is dead, or held, is red."""
+    _, decoded = frames.Decoder(readings=tracker.readings).feed(raw)
+    read_n, ends_n = tracker.force_n(decoded.along), tracker.force_n(np.array([0, 65535]))
+    low_n, high_n = sorted(ends_n.tolist())
+    allowed = f"some noise, and inside the calibration, {low_n:g} to {high_n:g} N"
+    if not read_n.size:
+        remedy = "have firmware or driver send the sensor's reading after the height's: palpate docs devices"
+        return judged(NAME, False, "no frame has a second reading", allowed=allowed, remedy=remedy)
+    measured = f"{read_n.mean():.2f} N with nobody on the panel, spread {read_n.std():.3f} N"
+    if np.ptp(decoded.along) == 0:
+        stuck, gain = f"{measured}: the same in every frame", "raise its gain until a reading at rest shows noise"
+        return judged(NAME, False, stuck, allowed=allowed, remedy=f"{SEE}; if it lives, {gain}")
+    held = float(np.isin(read_n, ends_n).mean())
+    if held > zeroing.HELD_PART:
+        at_end = f"{measured}: {held:.0%} of the samples lie at an end of the calibration, or beyond"
+        wider = "see that nothing lies on the panel, or calibrate from below what the sensor reads with nothing on it"
+        return judged(NAME, False, at_end, allowed=allowed, remedy=f"{SEE}; {wider}")
+    return passed(NAME, measured, allowed)
