@@ -190,7 +190,7 @@ def _model(like: Path | None, kind: str | None, design: str | None, ask: bool) -
     given = " ".join(filter(None, (kind, design))) or None
     if like and given:
         raise PalpateError("got --kind or --design with --like", remedy="leave them out", allowed="one of them")
-    asks = f"What a trial is, and what it asks ({', '.join(models.KINDS)})"
+    asks = "\n  ".join(("What a trial is, and what it asks, one of:", *models.KINDS)) + "\nWhich one"
     return like or _answered(asks, models.KINDS[0], given, ask, models.model)
 
 

@@ -492,6 +492,7 @@ class LinkedConsole:
             state=state,
             trial=wanted.trial,
             attempt=wanted.attempt,
+            training=wanted.trials if wanted.training else None,
             may=wanted.may,
             heard="",
             again=again,

@@ -311,7 +311,8 @@ class Debrief:
 class Arm:
     """That an attempt is armed, which waits for somebody at a console; no key answers it.
 
-    `broken_off` is why the step before it did not count, and `may` what the participant may do now.
+    `broken_off` is why the step before it did not count, and `may` what the participant may do now. `trials` are those
+    of its task, or at most of its `training`.
     """
 
     trial: int
@@ -319,6 +320,7 @@ class Arm:
     trials: int
     broken_off: str = ""
     may: str = "begin"
+    training: bool = False
 
     @property
     def text(self) -> str:

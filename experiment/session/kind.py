@@ -238,8 +238,9 @@ class Lent:
 
     def arm(self, planned: PlannedTrial, attempt: int, *, may: str, broken_off: str = "") -> bool:
         """Announce an attempt, armed from now on, as `Arm` has it; return whether somebody was waited for."""
+        training = isinstance(planned, TrainingTrial)
         of = planned.of if isinstance(planned, TrainingTrial) else len(self.header.order)
-        return self.console.ask(Arm(planned.trial, attempt, of, broken_off, may)).waited
+        return self.console.ask(Arm(planned.trial, attempt, of, broken_off, may, training)).waited
 
 
 class KindDevices(Protocol):

@@ -14,7 +14,7 @@ from textual.widgets import Digits, Input, Label, Static
 from palpate.experiment.clock import wall_ns
 from palpate.experiment.desk.console import picture
 from palpate.experiment.desk.console.forms import MOST_CHARACTERS, Form
-from palpate.experiment.desk.console.picture import STEPS, Phase
+from palpate.experiment.desk.console.picture import STIMULI, Phase
 from palpate.experiment.desk.link.wire import Asked, View
 from palpate.experiment.desk.messages import Choice
 
@@ -90,7 +90,7 @@ class Places(Horizontal):
 
     def __init__(self) -> None:
         super().__init__()
-        self._cells = [Static(markup=False) for _ in STEPS]
+        self._cells = [Static(markup=False) for _ in STIMULI]
         self._lit: tuple[Phase, tuple[str, ...]] | None = None
 
     def compose(self) -> ComposeResult:
@@ -321,7 +321,10 @@ class Board(Vertical):
             counted.show(picture.counts_down, view.question, left_s > 0)
         else:
             shown = "" if view.trial is None else str(view.trial)
-            counted.show(picture.counted, view.trial, view.standing.trials, view.standing.remaining, view.attempt)
+            most = view.training if view.trial is not None else None
+            of = view.standing.trials if most is None else most
+            left = view.standing.remaining if most is None else None
+            counted.show(picture.counted, view.trial, of, left, view.attempt)
         if shown != self._trial.value:
             self._trial.update(shown)
 

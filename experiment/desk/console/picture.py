@@ -68,8 +68,8 @@ class Phase:
         return "#000000" if self.colour in (YELLOW, WHITE, ORANGE) else "#ffffff"
 
 
-STEPS, PAIRS, VIRTUAL = ("", "ARMED", "STEPPING", "ANSWER"), ("", "LAY OUT", "ANSWER"), ("", "ANSWER")
-"""The strips of footsteps, comparisons, and virtual surfaces, from left to right; first the place for all else."""
+STIMULI, PAIRS, VIRTUAL = ("", "ARMED", "STIMULUS", "ANSWER"), ("", "LAY OUT", "ANSWER"), ("", "ANSWER")
+"""The strips of stimuli, comparisons, and virtual surfaces, from left to right; first the place for all else."""
 
 ASKED = {
     "agree": Phase("AGREE?", "", ORANGE),
@@ -109,7 +109,7 @@ FAILED = Phase("FAILED", "", RED)
 
 TRYING = Phase("ANSWER", "ANSWER", GREY, "The participant tries both surfaces. Nothing is asked yet.")
 STEPPED = Phase("ANSWER", "ANSWER", GREY, "The step counts. Nothing is asked yet.")
-STEPPING = Phase("STEPPING", "STEPPING", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
+STEPPING = Phase("STEPPING", "STIMULUS", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
 AGAIN = Phase("AGAIN", "ARMED", BLUE, "The attempt before did not count. {why}. Again the participant may {may}.")
 DONE = Phase("TASK DONE", "", ORANGE)
 GONE = Phase("GONE", "", RED)
@@ -126,7 +126,7 @@ def phase(view: View) -> Phase:
     if view.state == "armed" and view.gauges is not None and (view.gauges.stepped or view.gauges.moving):
         return STEPPED if view.gauges.stepped else STEPPING
     if view.state == "armed" and view.interval is not None:
-        return Phase(f"INTERVAL {view.interval}", "ARMED", YELLOW, "What a trial presents plays. Nothing is asked.")
+        return Phase(f"INTERVAL {view.interval}", "STIMULUS", YELLOW, "What a trial presents plays. Nothing is asked.")
     if view.state == "armed":
         now = AGAIN if view.again else STATES["armed"]
         return replace(now, says=now.says.format(may=view.may, why=view.again))
@@ -136,7 +136,7 @@ def phase(view: View) -> Phase:
 def strip(view: View) -> tuple[str, ...]:
     """Return the places of the strip, from left to right."""
     virtual = view.gauges is not None and view.gauges.too_fast is not None
-    return STEPS if not view.at_will else VIRTUAL if virtual else PAIRS
+    return STIMULI if not view.at_will else VIRTUAL if virtual else PAIRS
 
 
 def heading(label: str, study: str, participant: str, task: str) -> Text:
@@ -160,14 +160,13 @@ def visit(step: str, steps: tuple[str, ...]) -> Text:
     return told
 
 
-def counted(trial: int | None, trials: int, remaining: int, attempt: int) -> Text:
-    """Return, in three lines, of how many trials this is one, and how many are still to be answered."""
+def counted(trial: int | None, trials: int, remaining: int | None, attempt: int) -> Text:
+    """Return, in three lines, of how many trials this is one, and how many are to be answered; None for a training."""
     if not trials:
         return Text()
     again = f"attempt {attempt}" if attempt > 1 and trial is not None else ""
-    return Text(
-        f"{'of ' if trial is not None else ''}{trials}{' trials' if trial is None else ''}\n{remaining} to do\n{again}"
-    )
+    todo = "training" if remaining is None else f"{remaining} to do"
+    return Text(f"{'of ' if trial is not None else ''}{trials}{' trials' if trial is None else ''}\n{todo}\n{again}")
 
 
 def keycap(key: str) -> str:

@@ -114,7 +114,8 @@ class Ended(Message):
 class View(Message):
     """All that a console shows. `label` is PRACTICE or PILOT, empty in a study. What is presented is felt `at_will`.
 
-    `step` is where the visit is, one of `steps`. `trial` and `attempt` are under way, with real objects to `lay_out`;
+    `step` is where the visit is, one of `steps`. `trial` and `attempt` are under way, of a `training` of so many
+    trials at most, None of those that count, with real objects to `lay_out`;
     once it is armed the participant `may` do this. `interval` is which of several stimuli plays, and a trial `asks`
     this, where its design has words for that.
     `instruction` is the participant's: of the familiarization, then of the task, which has `pictures`, until a first
@@ -138,6 +139,7 @@ class View(Message):
     state: Literal["preparing", "familiarising", "armed", "answering", "waiting", "paused", "ended"] = "preparing"
     trial: int | None = None
     attempt: int = 1
+    training: int | None = None
     may: str = ""
     interval: int | None = None
     asks: str = ""

@@ -267,6 +267,13 @@ def test_the_instruction_stands_until_a_first_answer_or_a_pause(bench: Bench, ap
     assert shown(bench.linked).instruction == ""
 
 
+def test_a_trial_of_the_training_is_one_of_so_many_until_one_that_counts_is_armed(bench: Bench) -> None:
+    bench.linked.ask(Arm(1, 1, 6, training=True))
+    assert shown(bench.linked).training == 6
+    bench.linked.ask(Arm(1, 1, 4))
+    assert shown(bench.linked).training is None
+
+
 def test_a_trial_that_is_armed_again_says_why_until_it_is_asked_or_another_is_armed(
     bench: Bench, approved: SnapshotAssertion
 ) -> None:

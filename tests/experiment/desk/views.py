@@ -72,6 +72,7 @@ views = st.builds(
     state=st.sampled_from(STATES),
     trial=st.none() | st.integers(1, 99),
     attempt=st.integers(1, 9),
+    training=st.none() | st.integers(1, 9),
     lay_out=marked,
     heard=marked,
     again=st.sampled_from(["", MARK]),

@@ -182,6 +182,8 @@ class ScriptedConsole:
         self._before_ask = before_ask
         self.placed: list[tuple[int, str]] = []
         self.armed: list[tuple[int, int]] = []
+        self.trained: list[int | None] = []
+        """Of each attempt: the most trials of its training, None of one that counts."""
         self.rearmed: list[tuple[int, int, str]] = []
         self.shown: list[str] = []
         self.levels: deque[str] = deque()
@@ -269,6 +271,7 @@ class ScriptedConsole:
         return Reply(question.choices[0].key if question.choices else "")
 
     def _note(self, wanted: Arm) -> None:
+        self.trained.append(wanted.trials if wanted.training else None)
         if wanted.broken_off:
             self.rearmed.append((wanted.trial, wanted.attempt, wanted.broken_off))
         else:

@@ -129,6 +129,7 @@ def test_it_ends_by_its_criterion_or_its_trials_and_those_that_count_follow(
     assert told == [one == "+" for one in right]
     assert [one.presented for one in bench.of(Presentation)] == [*PRESENTED[:2]]
     assert [one.answered for one in bench.of(Answer)] == ["felt", "cork"]
+    assert bench.console.trained == [6] * len(right) + [None] * 2
     done = progress(bench.entries)
     assert (done.answered, done.trained, done.stimuli) == ((1, 2), tuple(told), len(right) + 2)
     kept = journal.read(storage.journal_path(tmp_path, "01", "one"))

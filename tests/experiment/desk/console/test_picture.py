@@ -33,13 +33,31 @@ def test_every_place_where_something_is_lit_is_one_of_the_strip() -> None:
         one.place
         for one in (*picture.ASKED.values(), *picture.STATES.values(), picture.STEPPING, picture.GONE, picture.FAILED)
     }
-    assert lit == {*picture.STEPS, *picture.PAIRS}
+    assert lit == {*picture.STIMULI, *picture.PAIRS}
+
+
+def test_a_stimulus_has_a_place_of_its_own_whether_a_foot_or_the_program_begins_it() -> None:
+    plays = View(state="armed", interval=2)
+    steps = View(state="armed", gauges=Gauges(left_s=60, moving=True))
+    words = [(picture.phase(view).word, picture.phase(view).place) for view in (plays, steps)]
+    assert words == [("INTERVAL 2", "STIMULUS"), ("STEPPING", "STIMULUS")]
+    assert "STIMULUS" in picture.strip(plays)
+
+
+@pytest.mark.parametrize(
+    ("trial", "remaining", "drawn"),
+    [(3, 6, "of 8\n6 to do\n"), (3, None, "of 8\ntraining\n"), (None, 8, "8 trials\n8 to do\n")],
+)
+def test_a_trial_of_the_training_is_told_apart_from_one_that_counts(
+    trial: int | None, remaining: int | None, drawn: str
+) -> None:
+    assert picture.counted(trial, 8, remaining, 1).plain == drawn
 
 
 def test_where_samples_are_compared_nothing_is_armed_and_no_foot_is_measured() -> None:
     view = View(at_will=True)
-    assert not {"ARMED", "STEPPING"} & set(picture.strip(view))
-    assert {"ARMED", "STEPPING"} <= set(picture.strip(View()))
+    assert not {"ARMED", "STIMULUS"} & set(picture.strip(view))
+    assert {"ARMED", "STIMULUS"} <= set(picture.strip(View()))
     virtual = view.model_copy(update={"gauges": Gauges(left_s=60, too_fast=False)})
     # Nobody lays out what is rendered.
     assert picture.strip(virtual) == ("", "ANSWER")
