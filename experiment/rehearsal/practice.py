@@ -25,7 +25,7 @@ ARMED, ANSWERED = "armed", "answered"
 
 LESSONS: Mapping[str, str] = {
     "agree": "Check what the question asks before you press a key. The reply goes on record.",
-    "familiarise": "The participant gets to know the materials. You may count with the keys; Enter ends this.",
+    "familiarise": "The participant gets to know the materials. Each key, and Enter, does what stands beside it.",
     "level": "Listen to the participant and press the key for what they want. Enter keeps the level.",
     "say": "The microphone listens after your key. Ask for the word, then press the key.",
     "rest": "The tracker is zeroed now. Press Enter once the foot rests still on the bare panel.",
