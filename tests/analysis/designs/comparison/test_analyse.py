@@ -63,7 +63,7 @@ def test_the_report_and_its_files_hold_everything(analysed: Analysis) -> None:
     } <= names
     assert {"figures/right-choices.svg", "figures/right-choices.png", "figures/scales.svg"} <= names
     report = analysed.report.read_text("utf-8")
-    assert "The P of a deviance treats all answers as independent" in report
+    assert "The P of a deviance assumes independent answers" in report
     assert "Clopper and Pearson (1934)" in (analysed.out / "methods.html").read_text("utf-8")
     told = json.loads((analysed.out / "results.json").read_text("utf-8"))
     assert told["tasks"][0]["unanswered"] == 3
