@@ -249,7 +249,7 @@ def test_the_report_states_label_exclusions_and_formulas(okamoto: Analysis) -> N
     assert body.startswith(f'<body><div class="band" role="note">{LABELS["RECONSTRUCTION"]}')
     assert "No attempts were excluded" in body
     body = (okamoto.out / "methods.html").read_text(encoding="utf-8")
-    for name in ("Holm", "Henderson", "ICC(A,1)", "Type III", "Cohen", "seeded with [1, place of the task"):
+    for name in ("Holm", "Henderson", "ICC(A,1)", "Type III", "Cohen", "seeded with [1, index of the task"):
         assert name in body
 
 
