@@ -50,9 +50,9 @@ events = {{ stimulus = 1 }}
 
 RECORDER = """
 import os, select, sys, time, pylsl
-from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.host import beside
 from palpate.experiment.apparatus.wires.lsl import scope
-host.be_ordinary()
+beside.be_ordinary()
 device, name, events = int(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 pylsl.set_config_content(scope(None))
 inlet = pylsl.StreamInlet(pylsl.resolve_byprop("name", name, 1, 30)[0])
