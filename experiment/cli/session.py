@@ -119,17 +119,16 @@ def run(
     def once(console: "Console") -> "Footer":
         if practice or rig is None:
             from palpate.experiment.rehearsal import study
-            from palpate.experiment.rehearsal.shorter import shortened
 
-            with shortened(protocol_file, repetitions) as file:
-                return study.practise(
-                    protocol_file=file,
-                    rig_file=rig or study.simulated_rig(protocol),
-                    participant=who,
-                    task_id=task,
-                    out=folder,
-                    console=console,
-                )
+            return study.practise(
+                protocol_file=protocol_file,
+                repetitions=repetitions,
+                rig_file=rig or study.simulated_rig(protocol),
+                participant=who,
+                task_id=task,
+                out=folder,
+                console=console,
+            )
         from palpate.experiment.session import run as visits
 
         return visits.run(

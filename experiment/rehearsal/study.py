@@ -34,6 +34,7 @@ from palpate.experiment.rehearsal.session import (
     rehearse_participant,
     run_task,
 )
+from palpate.experiment.rehearsal.shorter import shortened
 from palpate.experiment.session import answering
 from palpate.experiment.session.remarks import paused
 from palpate.experiment.session.visit import tell_group, visit_steps, walk
@@ -179,30 +180,38 @@ def practice_folder(protocol: Protocol) -> Path:
 
 
 def practise(
-    *, protocol_file: Path, rig_file: Path, participant: str, task_id: str | None, out: Path, console: Console
+    *,
+    protocol_file: Path,
+    repetitions: int | None,
+    rig_file: Path,
+    participant: str,
+    task_id: str | None,
+    out: Path,
+    console: Console,
 ) -> Footer:
     """Have an experimenter at `console` practice a session with a simulated participant, and return its footer.
 
-    `out` is made or continued. `task_id` None is for all incomplete tasks. Raises as `rehearse`, and `RosterError` for
-    an unknown participant or task.
+    `out` is made or continued; tasks have so many `repetitions` as `shortened` gives them. `task_id` None is for all
+    incomplete tasks. Raises as `rehearse`, and `RosterError` for an unknown participant or task.
     """
-    protocol = files.load(protocol_file)
-    rig = _simulated_rig(rig_file, protocol)
-    allocation = find_allocation(allocate(protocol, PRACTICE_SEED), participant)
-    job = Job(out.resolve(), participant, allocation.tasks, PRACTICE_SEED, "none", real_time=True)
-    plan = Plan(
-        label="PRACTICE",
-        protocol_sha256=approval.sha256(protocol),
-        rig_sha256=rigs.sha256(rig),
-        participants=protocol.study.participants,
-        seed=PRACTICE_SEED,
-        control="none",
-        real_time=True,
-    )
     with ExitStack() as refused:
+        file = refused.enter_context(shortened(protocol_file, repetitions))
+        protocol = files.load(file)
+        rig = _simulated_rig(rig_file, protocol)
+        allocation = find_allocation(allocate(protocol, PRACTICE_SEED), participant)
+        job = Job(out.resolve(), participant, allocation.tasks, PRACTICE_SEED, "none", real_time=True)
+        plan = Plan(
+            label="PRACTICE",
+            protocol_sha256=approval.sha256(protocol),
+            rig_sha256=rigs.sha256(rig),
+            participants=protocol.study.participants,
+            seed=PRACTICE_SEED,
+            control="none",
+            real_time=True,
+        )
         first = not is_begun(job.dataset, plan)
         if first:
-            refused.enter_context(_prepared(job.dataset, plan, protocol_file, rig_file, {}))
+            refused.enter_context(_prepared(job.dataset, plan, file, rig_file, {}))
         left = {task: _remaining(job.dataset, protocol, job, task) for task in job.tasks}
         tasks = (task_id,) if task_id else tuple(task for task in job.tasks if left[task]) or job.tasks[-1:]
         if tasks[0] not in left:
@@ -227,7 +236,8 @@ def practise(
         onward = "This session was complete before. To practise it anew, name another --participant or --dataset."
     else:
         of = ("--rig", str(rig_file)) if rig_file != simulated_rig(protocol) else ()
-        again = ("palpate", "run", str(protocol_file), "--practice", "-p", participant, "--dataset", str(out), *of)
+        few = ("--repetitions", str(repetitions)) if repetitions else ()
+        again = ("palpate", "run", str(protocol_file), "--practice", "-p", participant, "--dataset", str(out), *of, *few)
         study = "Every task is practiced. The desk shows what the study needs next"
         onward = f"{study}: {shown(('palpate', 'desk', str(protocol_file)))}"
         onward = f"To practice the other task: {shown((*again, '--task', others[0]))}" if others else onward

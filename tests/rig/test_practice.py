@@ -162,6 +162,9 @@ def test_fewer_trials_are_practised_in_a_folder_of_their_own(tmp_path: Path, stu
     code, screen = practise(tmp_path, "small.toml", "--task", "one", "--repetitions", "1", stop_after=2)
     assert (code, "complete: 2 answers" in screen) == (0, True), screen
     root = tmp_path / "participants" / "practice-small-1-of-each"
+    (onward,) = re.findall(r"palpate run (\S+) (.*--task two)", screen)
+    assert onward[0] == "small.toml"
+    assert "--repetitions 1 " in onward[1]
     assert len(journal.read(storage.journal_path(root, "01", "one")).header.order) == 2
     assert verify(root).refused == 0
     assert not (root.parent / "practice-small").exists()
