@@ -331,17 +331,22 @@ class Listening:
 
     def _fill(self, before: int, lasts_ns: float) -> None:
         """Put zeros before a sample, for as many as were lost there, in place of those that stand there already."""
+        had = self._lost.pop()[1] if self._lost and self._lost[-1][0] == before else 0
+        count = round(lasts_ns * self._rate_hz / 1e9)
+        self._count += count - had
+        self._lost += [(before, count)] if count else []
+        if before < self._first:
+            # Those zeros are gone; what came after them is numbered anew.
+            self._first += count - had
+            return
         place, at = 0, self._first
         while at < before:
             place, at = place + 1, at + self._pieces[place][0].size
-        if self._lost and self._lost[-1][0] == before:
-            self._count -= self._lost.pop()[1]
+        if had:
             del self._pieces[place]
-        if count := round(lasts_ns * self._rate_hz / 1e9):
+        if count:
             ended_ns = self._pieces[place - 1][1] + round(count * 1e9 / self._rate_hz)
             self._pieces.insert(place, (np.zeros(count, np.float32), ended_ns))
-            self._lost.append((before, count))
-            self._count += count
 
     def stop(self) -> None:
         """Take nothing more."""

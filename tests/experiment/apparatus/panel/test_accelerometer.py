@@ -27,6 +27,7 @@ def heard(
     gaps_s: dict[float, float] | None = None,
     held_up_s: float = 0.0,
     lagging_s: float = 0.0,
+    lags_for_s: float = 0.3,
     ppm: float = 0.0,
     lasts_s: float = LONG_S,
     clock: ManualClock | None = None,
@@ -34,7 +35,7 @@ def heard(
     """A stream whose samples are their own times, s, in pieces that are each up to 2 ms late.
 
     It has gaps of some lengths after some times; from 2 s on pieces are held up until all come at once, or each of them
-    for 0.3 s lags by as much.
+    for a while lags by as much.
     """
     listening = Listening(round(TAKE_S * RATE_HZ), rate_hz=RATE_HZ, clock=clock or Real(START_NS))
     rng = np.random.default_rng(1)
@@ -44,7 +45,7 @@ def heard(
     for piece in np.split(times_s, range(10, times_s.size, round(PIECE_S * RATE_HZ))):
         ends_s = (piece[-1] + 1 / RATE_HZ) * (1 + ppm * 1e-6)
         arrived_s = max(ends_s, 2.0 + held_up_s) if ends_s > 2.0 else ends_s
-        arrived_s += lagging_s * (2.0 < ends_s < 2.3)
+        arrived_s += lagging_s * (2.0 < ends_s < 2.0 + lags_for_s)
         listening.add(piece.astype(np.float32), START_NS + round((arrived_s + rng.uniform(0, 0.002)) * 1e9))
     return listening
 
@@ -97,6 +98,7 @@ def test_a_take_is_whole_with_a_gap_in_it(gap_s: float) -> None:
     [
         {"held_up_s": 0.4},
         {"lagging_s": 0.008},
+        {"lagging_s": 0.02, "lags_for_s": RING_S + 5, "lasts_s": RING_S + 9},
         {"ppm": 200.0, "lasts_s": RING_S * 2},
         {"ppm": -200.0, "lasts_s": RING_S * 2},
         {"gaps_s": {1.0: LOST_S / 2}},
