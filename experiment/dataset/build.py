@@ -277,12 +277,12 @@ def _press_cells(answer: entries.Answer, own: Cells) -> dict[str, object]:
 
 
 def heard_cells(stimulus: Stimulus | None, material: str | None = None) -> dict[str, object]:
-    """Return what was heard of a stimulus beside what was sent, by column; nothing where nothing was heard.
+    """Return what was heard of a stimulus beside what was sent, by column; nothing where it was not heard whole.
 
     `material` is whose stimulus it was, where the row presents several.
     """
     heard, moved = (stimulus.heard, stimulus.moved) if stimulus is not None else (None, None)
-    if heard is None or moved is None or heard.peak_m_s2 is None or not heard.sent_thirds_db:
+    if heard is None or moved is None or heard.peak_m_s2 is None or not heard.sent_thirds_db or heard.lost_ms:
         return {}
     return {
         **({} if material is None else {"heard_of": material}),

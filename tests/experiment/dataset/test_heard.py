@@ -14,6 +14,7 @@ from palpate.analysis.designs import design_of
 from palpate.analysis.export import files
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.report.heard import heard_sections
+from palpate.experiment.dataset.build import heard_cells
 from palpate.experiment.dataset.kinds import presented, tapping
 from palpate.experiment.records.entries import Entry
 from palpate.experiment.records.journal import Contents, Line
@@ -40,6 +41,13 @@ def stimulus(peak_m_s2: float | None) -> Stimulus:
         handed_peak=1.0, samples=500, rate_hz=5000, limited=0, reached_peak_m_s2=1.0,
         moved=Moved(peak_m_s2=2.0, uncertainty_m_s2=0.1, scale=1.0), heard=None if peak_m_s2 is None else heard,
     )  # fmt: skip
+
+
+def test_what_was_heard_with_samples_lost_stands_in_no_table() -> None:
+    whole = stimulus(3.0)
+    assert whole.heard is not None
+    lost = whole.model_copy(update={"heard": whole.heard.model_copy(update={"lost_ms": ((40.0, 8.0),)})})
+    assert (len(heard_cells(whole)), heard_cells(lost)) == (6, {})
 
 
 def contents(*recorded: Entry) -> Contents:
