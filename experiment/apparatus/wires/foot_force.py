@@ -9,6 +9,7 @@ import numpy as np
 from palpate.experiment.apparatus.rig import Rig, needed, tracker_of
 from palpate.experiment.apparatus.tracker import frames
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
+from palpate.experiment.errors import RigError
 from palpate.experiment.records.tracker import Pressed
 
 AIR_US = 50_000
@@ -22,7 +23,11 @@ LEAST = 0.5
 
 
 def check(rig: Rig) -> None:
-    """Raise `RigError` for a rig without a sensor of the force."""
+    """Raise `RigError` for a rig without a sensor of the force, or with one of which the protocol says nothing."""
+    if tracker_of(rig).force is not None:
+        where, what = f"rig '{rig.rig.name}'", "its tracker.force measures the foot, and the protocol records no force"
+        remedy = "have footstep.force = true approved, or leave the table out and send frames of one reading"
+        raise RigError(where, what, remedy)
     remedy = "add sensor, calibration and calibrated_on to the rig file, once the tracker's board reads the sensor"
     needed(rig, "tracker.force", tracker_of(rig).force, remedy, "because the protocol records the force of the foot")
 

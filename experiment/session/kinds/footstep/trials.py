@@ -495,8 +495,8 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
 
 
 def check_force(rig: Rig, protocol: Protocol) -> None:
-    """Raise `RigError` for a rig without a tracker, or without a sensor of the force where the protocol records it."""
-    if tracker_of(rig).force is None and protocol.table(Footstep).force:
+    """Raise `RigError` for a rig without a tracker, or whose sensor of the force does not go with the protocol."""
+    if (tracker_of(rig).force is None) is protocol.table(Footstep).force:
         import_module(FORCE).check(rig)
 
 

@@ -19,12 +19,15 @@ from palpate.experiment.apparatus.tracker import frame_runs
 from palpate.experiment.apparatus.tracker.frames import Decoder
 from palpate.experiment.apparatus.wires import foot_force
 from palpate.experiment.errors import RigError
+from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.records.journal import read
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.tracker import Pressed
 from palpate.experiment.rehearsal import study
 from palpate.experiment.rehearsal.wires.foot import Foot
+from palpate.experiment.session.kinds.footstep.trials import check_force
 from palpate.experiment.settings import load as settings
 from tests.experiment.rehearsal.wires.test_foot import Recorder
 
@@ -86,10 +89,15 @@ def test_a_step_with_too_few_samples_has_no_force(part: slice) -> None:
     assert (found.mean_n, found.peak_n, found.zero_n) == (None, None, None)
 
 
-def test_a_rig_without_a_sensor_is_refused() -> None:
-    foot_force.check(RIG)
+@pytest.mark.parametrize("force", [True, False])
+def test_the_force_is_measured_where_the_protocol_records_it_and_nowhere_else(force: bool) -> None:
+    protocol = files.load(shipped("weight.toml"))
+    states = protocol.model_copy(update={"footstep": protocol.table(Footstep).model_copy(update={"force": force})})
+    with_sensor, without = RIG, rigs.load(shipped("rigs/rehearsal.toml"))
+    agrees, differs = (with_sensor, without) if force else (without, with_sensor)
+    check_force(agrees, states)
     with pytest.raises(RigError):
-        foot_force.check(rigs.load(shipped("rigs/rehearsal.toml")))
+        check_force(differs, states)
 
 
 def points(*pairs: tuple[int, float], of: str = "n") -> tuple[dict[str, float], ...]:
