@@ -400,7 +400,7 @@ class LinkedConsole:
                     self.tell(Notice(NEXT.format(step=step)))
                 self._now(step=step, steps=tuple(steps))
             case questions.Instructed(instruction=instruction, asks=asks, pictures=pictures):
-                self.tell(Notice(f"The participant is told: {instruction}"))
+                self.tell(Notice(f"The participant is told: {event.words}"))
                 self._now(instruction=instruction, asks=asks, pictures=pictures)
             case questions.Playing(place=place):
                 self._now(interval=place)

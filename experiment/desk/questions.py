@@ -379,6 +379,11 @@ class Instructed:
     asks: str = ""
     pictures: tuple[str, ...] = ()
 
+    @property
+    def words(self) -> str:
+        """What the experimenter reads of it, who shows the pictures where there is no screen."""
+        return f"{self.instruction} Pictures: {', '.join(self.pictures)}." if self.pictures else self.instruction
+
 
 @dataclass(frozen=True)
 class Silent:

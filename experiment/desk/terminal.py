@@ -125,8 +125,8 @@ class TerminalConsole(_Lines):
                 self.show(text)
             case questions.Answered(text=text) | questions.Playing(text=text):
                 self.show(f"{self._heading}  {text}")
-            case questions.Instructed(instruction=instruction):
-                self.show(f"{self._heading}  Tell the participant: {instruction}")
+            case questions.Instructed(words=words):
+                self.show(f"{self._heading}  Tell the participant: {words}")
             case questions.Stopped():
                 self.show(questions.STOPPED)
 

@@ -437,6 +437,11 @@ class Task(Confined):
     control: Control | None = _since_7()
     training: Training | None = _since_7()
 
+    @property
+    def picture_files(self) -> tuple[str, ...]:
+        """Names of its pictures."""
+        return tuple(one.file for one in self.pictures or ())
+
 
 class TaskOrder(Confined):
     """Order of tasks, and breaks between them.

@@ -300,8 +300,8 @@ class _Session:
             self._attempts.remarks.note_ignored()
             self._enrol()
             if self.log.done.remaining:
-                names = tuple(one.file for one in self._task.pictures or ())
-                self.devices.console.tell(Instructed(self._task.instruction, self.protocol.question(self._task), names))
+                asks, names = self.protocol.question(self._task), self._task.picture_files
+                self.devices.console.tell(Instructed(self._task.instruction, asks, names))
             pause = self._train(contents) or self._trials(self._next)
         except (ScreenGone, PauseAsked) as why:
             pause, felt = why.sentence(), self.log.done.unanswered

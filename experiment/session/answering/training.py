@@ -120,7 +120,8 @@ class Training(Log):
             self._log.write(entry)
             self._console.tell(Notice(f"{self._log.done.training_words}."))
             if not ends:
-                self._console.tell(Instructed(self._task.instruction, self._protocol.question(self._task)))
+                asks, names = self._protocol.question(self._task), self._task.picture_files
+                self._console.tell(Instructed(self._task.instruction, asks, names))
             return None
         planned = self.done.remaining[0]
         if planned.trial != self._announced:

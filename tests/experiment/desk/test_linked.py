@@ -274,6 +274,13 @@ def test_a_trial_of_the_training_is_one_of_so_many_until_one_that_counts_is_arme
     assert shown(bench.linked).training is None
 
 
+def test_pictures_of_an_instruction_are_named_to_the_experimenter_too(bench: Bench) -> None:
+    bench.linked.tell(Instructed("Step.", pictures=("foot.png",)))
+    view = shown(bench.linked)
+    assert (view.instruction, view.pictures) == ("Step.", ("foot.png",))
+    assert "foot.png." in view.lines[-1].split()
+
+
 def test_a_trial_that_is_armed_again_says_why_until_it_is_asked_or_another_is_armed(
     bench: Bench, approved: SnapshotAssertion
 ) -> None:

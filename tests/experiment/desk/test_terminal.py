@@ -18,6 +18,7 @@ from palpate.experiment.desk.questions import (
     Confirm,
     Debrief,
     Familiarise,
+    Instructed,
     Level,
     Notice,
     Place,
@@ -47,6 +48,12 @@ def test_an_answer_is_keyed_shown_and_confirmed_by_the_same_key(approved: Snapsh
     assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key == "c"
     assert one.ask(Confirm("c", "copy paper")).key == ENTER
     assert prompts == approved
+
+
+def test_pictures_of_an_instruction_are_named_to_whoever_shows_them() -> None:
+    one, screen, _ = console()
+    one.tell(Instructed("Step.", pictures=("foot.png",)))
+    assert "foot.png." in screen.getvalue().split()
 
 
 @pytest.mark.parametrize("typed", ["", "n", "no", "cc", "enter"])

@@ -201,6 +201,7 @@ class ScriptedConsole:
         self.handles: deque[str] = deque()
         self.counts: list[dict[str, str]] = []
         self.instructed: list[str] = []
+        self.pictured: list[tuple[str, ...]] = []
         self.attended: list[Attended | None] = []
         self.said: list[tuple[str, int, str]] = []
         """What the participant was asked to say, as which take, and why again."""
@@ -228,8 +229,9 @@ class ScriptedConsole:
                 self.shown.append(STOPPED)
             case Proposed(words=words):
                 self.proposed.append(words)
-            case Instructed(instruction=instruction):
+            case Instructed(instruction=instruction, pictures=pictures):
                 self.instructed.append(instruction)
+                self.pictured.append(pictures)
             case Silent():
                 self.waited += 1
             case Answered(trial=trial, answer=answer):

@@ -17,7 +17,7 @@ from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.messages import ENTER, TakeNote
 from palpate.experiment.desk.questions import Play, Remark, Reply, TrialAnswer
 from palpate.experiment.protocol.files import ProtocolFile
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.models import Picture, Protocol
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import (
     Answer,
@@ -148,6 +148,16 @@ def test_what_is_told_follows_each_answer_and_nothing_is_where_the_protocol_has_
     told = [task.training.told_right if one == "+" else task.training.told_wrong for one in "+-++"]
     assert bench.console.instructed == [task.instruction, *told, task.instruction]
     assert silent.console.instructed == [task.instruction] * 2
+
+
+def test_the_pictures_of_a_task_stand_beside_its_instruction_again_once_the_training_is_over(tmp_path: Path) -> None:
+    study = trained(criterion=CRITERION)
+    pictures = (Picture(file="tap.png", sha256="0" * 64),)
+    task = study.tasks[0].model_copy(update={"pictures": pictures})
+    bench = begin(tmp_path, study.model_copy(update={"tasks": (task,)}), "+-++")
+    bench.run()
+    shown = zip(bench.console.instructed, bench.console.pictured, strict=True)
+    assert [names for told, names in shown if told == task.instruction] == [("tap.png",)] * 2
 
 
 def test_a_session_ends_without_the_criterion_where_the_protocol_says_so_and_begins_no_trial(tmp_path: Path) -> None:
