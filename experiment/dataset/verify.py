@@ -375,7 +375,11 @@ def recordings(dataset: Sessions) -> Iterator[Finding]:
 
 
 def companions(dataset: Sessions) -> Iterator[Finding]:
-    """Yield each file beside a protocol of the dataset, whether it is the one that the protocol names."""
+    """Yield each file beside a protocol of the dataset, whether it is the one that the protocol names.
+
+    Copies for others may be without them: `shared` compares what was given out.
+    """
+    given_out = storage.shared_path(dataset.root).exists()
     for path in storage.protocol_paths(dataset.root):
         try:
             protocol = protocols.load(path)
@@ -383,6 +387,8 @@ def companions(dataset: Sessions) -> Iterator[Finding]:
             # A protocol that cannot be read is reported where it is compared.
             continue
         for name in protocol.companions:
+            if given_out and not path.with_name(name).exists():
+                continue
             try:
                 protocols.companion(protocol, name)
                 yield Finding(f"is the one that {path.name} names", path.with_name(name), verdict="passes")

@@ -52,6 +52,17 @@ def test_a_picture_is_kept_and_verified_with_its_protocol(tmp_path: Path, palpat
     assert [one.verdict for one in companions(Sessions(root))] == ["refuses"]
 
 
+def test_a_copy_for_others_may_be_without_a_picture(tmp_path: Path) -> None:
+    kept = storage.protocol_path(tmp_path / "copy")
+    storage.people_folder(tmp_path / "copy")
+    files.keep(illustrated(tmp_path, png()), kept)
+    kept.with_name("foot.png").unlink()
+    for made, verdicts in ((False, ["refuses"]), (True, [])):
+        if made:
+            storage.write_json(storage.shared_path(tmp_path / "copy"), {})
+        assert [one.verdict for one in companions(Sessions(tmp_path / "copy"))] == verdicts
+
+
 @pytest.mark.parametrize("content", [b"GIF89a", png()[:-5], b""], ids=["another format", "cut off", "empty"])
 def test_what_is_no_whole_picture_is_refused(tmp_path: Path, content: bytes, palpate: Palpate) -> None:
     file = illustrated(tmp_path, content)
