@@ -237,10 +237,11 @@ def practise(
     else:
         of = ("--rig", str(rig_file)) if rig_file != simulated_rig(protocol) else ()
         few = ("--repetitions", str(repetitions)) if repetitions else ()
-        again = ("palpate", "run", str(protocol_file), "--practice", "-p", participant, "--dataset", str(out), *of, *few)
+        again = ("palpate", "run", str(protocol_file), "--practice", "-p", participant, "--dataset", str(out))
         study = "Every task is practiced. The desk shows what the study needs next"
         onward = f"{study}: {shown(('palpate', 'desk', str(protocol_file)))}"
-        onward = f"To practice the other task: {shown((*again, '--task', others[0]))}" if others else onward
+        if others:
+            onward = f"To practice the other task: {shown((*again, *of, *few, '--task', others[0]))}"
     # What ended the session may stand on an unfinished line.
     console.tell(Notice(f"\n{onward}"))
     if footer.answered:
