@@ -299,6 +299,9 @@ class Screen:
         if self._page is None or page.text != self._page.text:
             self._part, self._parts = 0, 1
         named = prompt.pictures if prompt else ()
+        if lacking := [name for name in named if name not in self.pictures]:
+            what = f"the session shows the picture {lacking[0]}, which the protocol that was named here has not"
+            raise DisplayError(what, remedy="name the protocol file with which the session was begun")
         page = replace(page, part=self._part, pictures=tuple(self.pictures[name] for name in named))
         moved = hand_mm != (self._prompt.hand_mm if self._prompt else None)
         if page != self._page:

@@ -125,6 +125,13 @@ def heard(sent: Sent | None, prompt: Prompt | None) -> Heard:
     return Heard(sent, prompt)  # type: ignore[arg-type]
 
 
+def test_a_screen_of_another_protocol_is_refused_where_that_has_not_the_sessions_pictures() -> None:
+    window, prompt = Window([], [], [], []), Prompt(number=3, show="ready", text="Step.", pictures=("foot.png",))
+    with pytest.raises(DisplayError):
+        run(Told(heard(Sent(), prompt)), window)
+    assert not window.pictures
+
+
 def test_a_page_is_drawn_once_and_told_once() -> None:
     sent, window = Sent(), Window([], [], [], [])
     run(Told(heard(sent, Prompt(number=3, show="ready"))), window)
