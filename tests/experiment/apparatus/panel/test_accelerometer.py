@@ -98,7 +98,6 @@ def test_a_take_is_whole_with_a_gap_in_it(gap_s: float) -> None:
     [
         {"held_up_s": 0.4},
         {"lagging_s": 0.008},
-        {"lagging_s": 0.02, "lags_for_s": RING_S + 5, "lasts_s": RING_S + 9},
         {"ppm": 200.0, "lasts_s": RING_S * 2},
         {"ppm": -200.0, "lasts_s": RING_S * 2},
         {"gaps_s": {1.0: LOST_S / 2}},
@@ -114,6 +113,14 @@ def test_what_lags_for_a_while_behind_a_gap_does_not_lengthen_it_for_good() -> N
     late_s, gaps = from_s(heard(gaps_s={2.0: 0.05}, lagging_s=0.02), 1.8, 1.0)
     assert late_s == pytest.approx(0.0, abs=0.004)
     assert [gap.lasts_s for gap in gaps] == pytest.approx([0.05], abs=0.003)
+
+
+def test_a_gap_that_was_none_leaves_every_sample_there_though_its_zeros_are_no_longer_held() -> None:
+    lasts_s = RING_S + 9
+    listening = heard(lagging_s=0.02, lags_for_s=RING_S + 5, lasts_s=lasts_s)
+    late_s, gaps = from_s(listening, lasts_s - 0.501)
+    assert late_s == pytest.approx(0.0, abs=0.003)
+    assert not gaps
 
 
 def test_in_simulated_time_nothing_is_late() -> None:
