@@ -22,9 +22,9 @@ LEAST = 0.5
 """A stretch of which fewer samples came says nothing."""
 
 
-def check(rig: Rig) -> None:
-    """Raise `RigError` for a rig without a sensor of the force, or with one of which the protocol says nothing."""
-    if tracker_of(rig).force is not None:
+def check(rig: Rig, *, recorded: bool) -> None:
+    """Raise `RigError` for a rig without a sensor of the force that is `recorded`, or with one where none is."""
+    if tracker_of(rig).force is not None and not recorded:
         where, what = f"rig '{rig.rig.name}'", "its tracker.force measures the foot, and the protocol records no force"
         remedy = "have footstep.force = true approved, or leave the table out and send frames of one reading"
         raise RigError(where, what, remedy)
