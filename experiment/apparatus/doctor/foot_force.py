@@ -24,7 +24,7 @@ SEE = "see that the sensor and its amplifier have power, and are on the second i
 def missing(rig: Rig) -> Iterator[Finding]:
     """Yield that a rig has no such sensor, though a protocol records the force; nothing of one that has."""
     try:
-        foot_force.check(rig, recorded=True)
+        foot_force.check(rig)
     except RigError as error:
         yield refused(NAME, error)
 

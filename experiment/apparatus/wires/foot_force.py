@@ -22,12 +22,15 @@ LEAST = 0.5
 """A stretch of which fewer samples came says nothing."""
 
 
-def check(rig: Rig, *, recorded: bool) -> None:
-    """Raise `RigError` for a rig without a sensor of the force that is `recorded`, or with one where none is."""
-    if tracker_of(rig).force is not None and not recorded:
-        where, what = f"rig '{rig.rig.name}'", "its tracker.force measures the foot, and the protocol records no force"
-        remedy = "have footstep.force = true approved, or leave the table out and send frames of one reading"
-        raise RigError(where, what, remedy)
+def refuse(rig: Rig) -> None:
+    """Raise `RigError` for a rig that measures the force of the foot, which the protocol does not record."""
+    what = "its tracker.force measures the foot, and the protocol records no force"
+    remedy = "have footstep.force = true approved, or leave the table out and send frames of one reading"
+    raise RigError(f"rig '{rig.rig.name}'", what, remedy)
+
+
+def check(rig: Rig) -> None:
+    """Raise `RigError` for a rig without a sensor of the force."""
     remedy = "add sensor, calibration and calibrated_on to the rig file, once the tracker's board reads the sensor"
     needed(rig, "tracker.force", tracker_of(rig).force, remedy, "because the protocol records the force of the foot")
 

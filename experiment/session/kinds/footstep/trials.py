@@ -496,8 +496,8 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
 
 def check_force(rig: Rig, protocol: Protocol) -> None:
     """Raise `RigError` for a rig without a tracker, or whose sensor of the force does not go with the protocol."""
-    if (tracker_of(rig).force is None) == protocol.table(Footstep).force:
-        import_module(FORCE).check(rig, recorded=protocol.table(Footstep).force)
+    if (tracker_of(rig).force is None) == (recorded := protocol.table(Footstep).force):
+        getattr(import_module(FORCE), "check" if recorded else "refuse")(rig)
 
 
 FORCE, _ROOM = "palpate.experiment.apparatus.wires.foot_force", "palpate.experiment.session.kinds.footstep"
