@@ -270,10 +270,10 @@ def calibrate_actuator(
 ) -> None:
     """Measure the panel with the rig's accelerometer.
 
-    Nobody may be on the panel, for it moves. Multisines are played at three levels for about 40 s. The command prints
-    full scale, usable band, resonances and linearity. It writes the complex response with its standard error and
-    coherence into a table, and a new rig file that names the table in [actuator.measured]. A sensor that is dead, or
-    is not on this panel, and a response that is too uncertain are refused.
+    Nobody may be on the panel, for it moves. Multisines are played at three levels for 40 s, or 3 min if it is noisy.
+    The command prints full scale, usable band, resonances and linearity. It writes the complex response with its
+    standard error and coherence into a table, and a new rig file that names the table in [actuator.measured]. A sensor
+    that is dead, or is not on this panel, and a response that is too uncertain are refused.
     """
     from datetime import UTC, datetime
 
@@ -298,7 +298,9 @@ def calibrate_actuator(
         else:
             devices = opened.enter_context(calibration.devices(before, loudest=peak))
         try:
-            input(f"Load: {load}. Nobody may stand on the panel or touch it: it moves for about 40 s. Press Enter: ")
+            input(
+                f"Load: {load}. Nobody may touch the panel: it moves for 40 s, or 3 min if it is noisy. Press Enter: "
+            )
             made = calibration.measure(devices, loudest=peak, seed=seed)
         except (KeyboardInterrupt, EOFError):
             raise Interrupted("the calibration was interrupted", remedy="nothing was written") from None

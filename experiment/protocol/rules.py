@@ -282,7 +282,7 @@ def _answers(table: Table) -> Iterator[Broken]:
     answers = table_at(table, "answers")
     if answers.get("mode") in ("keys", "screen"):
         if (number := number_at(table, "format") or OWN_ANSWERS) < OWN_ANSWERS:
-            allowed = f"oral in a file of format {number:g}; for another write format = {OWN_ANSWERS} on the first line"
+            allowed = f"oral in a file of format {number:g}; for another write format = {OWN_ANSWERS}"
             yield Broken(("answers", "mode"), allowed)
         if answers.get("microphone") is True:
             yield Broken(("answers", "microphone"), "false: nobody says an answer")

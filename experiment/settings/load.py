@@ -208,9 +208,7 @@ def _read(file: _File, model: type[Model]) -> Model:
     if too_young := tuple(younger(settings, number := document.get("format", 0))):
         lines = locate(file.text)
         newest = max(get_args(model.model_fields["format"].annotation))
-        allowed = (
-            f"no such key in a file of format {number}; leave it out, or write format = {newest} on the first line"
-        )
+        allowed = f"no such key in a file of format {number}; leave it out, or write format = {newest}"
         problems = [mismatch(written(place), lines[place], "a key", allowed) for place in too_young if place in lines]
         if problems:
             raise ProtocolError.in_file(file.path, problems)

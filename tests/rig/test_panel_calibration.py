@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import tomllib
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -208,6 +209,11 @@ def test_the_command_writes_a_new_rig_file_and_its_table(
     assert code == 0
     assert len(asked) == 1
     assert "sand bag" in asked[0]
+    # Whoever reads it stays away for as long as the panel can move.
+    told = re.findall(r"(\d+) s, or (\d+) min", asked[0])
+    around_s = calibration.BEFORE_S + calibration.AFTER_S
+    first_s, again_s = (len(calibration.LEVELS) * (s + around_s) for s in (calibration.PERIODS, calibration.LONGER))
+    assert [int(s) >= first_s and 60 * int(m) >= first_s + again_s for s, m in told] == [True]
     assert RIG.read_bytes() == before
     rig = rigs.load(out)
     found = rig.actuator.measured

@@ -229,7 +229,8 @@ def heard(
         lost = [gap for gap in window.gaps if begin_s - gap.lasts_s < gap.at_s < begin_s + seconds]
         if not lost:
             return multisine.spectra(steady, lines_hz, rate_hz=heard_hz)
-    raise refusal(lost[0].sentence, "close other programs on this computer", allowed=f"none, in one of {TRIES} times")
+    remedy = "close other programs on this computer, or correct accelerometer.rate_hz"
+    raise refusal(lost[0].sentence, remedy, allowed=f"none, in one of {TRIES} times")
 
 
 def check_accelerometer(rig: Rig) -> None:

@@ -303,5 +303,5 @@ class SerialTracker:
         return TrackerStopped(
             f"tracker at {self._name}",
             f"no frame for {self._stall_ms} ms",
-            "see that the device is powered, connected and sampling",
+            "see that the device is powered, connected to tracker.port and sampling",
         )

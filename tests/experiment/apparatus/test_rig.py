@@ -79,6 +79,18 @@ def test_a_rig_is_read(write: Write) -> None:
     assert rig.actuator.address == "127.0.0.1:4711"
 
 
+def test_a_key_that_is_too_young_is_read_once_the_format_that_is_named_stands_where_the_old_one_did(
+    write: Write,
+) -> None:
+    pedal = '[pedal]\nport = "/dev/ttyACM1"\nbaud = 9600\ntried_on = 2026-11-21\ntried_days = 30\n'
+    text = f"{shipped('rigs/laboratory.toml').read_text('utf-8')}\n{pedal}"
+    with pytest.raises(RigError) as refused:
+        rigs.load(write(text))
+    # It stands below remarks: whoever wrote another on the first line would have two.
+    (number,) = re.findall(r"write format = (\d+)$", refused.value.findings[0].allowed)
+    assert rigs.load(write(re.sub("(?m)^format = .*", f"format = {number}", text))).pedal is not None
+
+
 @pytest.mark.parametrize(
     ("line", "instead", "problem"),
     [
