@@ -365,7 +365,7 @@ def results(standing: Standing, answers: Sequence[Choice], width: int) -> Text:
     for name, counts in rows:
         text.append("\n").append_text(name).append(counts, style=PLAIN)
     others = standing.answered - sum(times for one in standing.tallies for _, times in one.answers)
-    text.append(f"\nothers: {others} answers" if others else "", style=DIM)
+    text.append(f"\nother answers: {others}" if others else "", style=DIM)
     for track in standing.tracks:
         last = f"last {track.levels[-1]:.3g}"
         text.append("\n").append_text(_cell(f"Level of {track.name}", last, track.levels))

@@ -169,7 +169,11 @@ class Presentations(Kind):
             for one in intervals:
                 self._lent.log.write(Sample(level=level, interval=one))
         self._lent.console.tell(Played(0, 1))
-        return not reason and all_delivered(intervals) is not False
+        felt = not reason and all_delivered(intervals) is not False
+        if not felt:
+            heard = (one.delivered.reason for one in intervals if one.delivered)
+            self._lent.show(f"This does not count as felt: {reason or '; '.join(filter(None, heard))}.")
+        return felt
 
     def _set_off(self, armed: Armed) -> str:
         """Wait until something or somebody sets the stimuli off; return why nothing may be felt, or nothing."""

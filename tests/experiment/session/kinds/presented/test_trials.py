@@ -269,6 +269,7 @@ def test_what_was_not_delivered_was_not_felt_and_plays_again(tmp_path: Path) -> 
         "cork (0) felt (0)",
         "cork (1) felt (0)",
     ]
+    assert sum("an xrun" in text for text in bench.console.shown) == 1
 
 
 def test_what_sounded_is_on_record_whatever_comes_after(tmp_path: Path) -> None:
