@@ -1,6 +1,7 @@
 """Protocol files: their model, reading one, and finding those that come with palpate."""
 
 import hashlib
+import zlib
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -76,9 +77,20 @@ def companion(protocol: Protocol, name: str) -> bytes:
     if (found := hashlib.sha256(content).hexdigest()) != sha256:
         allowed = f"{sha256}, as the protocol says"
         raise ProtocolError.in_file(path, [mismatch("sha256", None, found, allowed, "restore the file")])
-    if path.suffix == ".png" and not (content.startswith(PNG[0]) and content.endswith(PNG[1])):
+    if path.suffix == ".png" and not _is_whole_png(content):
         raise ProtocolError.in_file(path, [mismatch("file", None, "something else, or a part", "a whole PNG picture")])
     return content
+
+
+def _is_whole_png(content: bytes) -> bool:
+    """Return whether a file is a PNG picture of which each chunk has its checksum (ISO/IEC 15948, 5.3)."""
+    at = len(PNG[0])
+    while at < len(content):
+        checksum = at + 8 + int.from_bytes(content[at : at + 4])
+        if zlib.crc32(content[at + 4 : checksum]) != int.from_bytes(content[checksum : checksum + 4]):
+            return False
+        at = checksum + 4
+    return content.startswith(PNG[0]) and content.endswith(PNG[1]) and at == len(content)
 
 
 def companions(protocol: Protocol) -> dict[str, bytes]:

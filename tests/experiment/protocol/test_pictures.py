@@ -63,7 +63,16 @@ def test_a_copy_for_others_may_be_without_a_picture(tmp_path: Path) -> None:
         assert [one.verdict for one in companions(Sessions(tmp_path / "copy"))] == verdicts
 
 
-@pytest.mark.parametrize("content", [b"GIF89a", png()[:-5], b""], ids=["another format", "cut off", "empty"])
+DAMAGED = {
+    "another format": b"GIF89a",
+    "cut off": png()[:-5],
+    "empty": b"",
+    "a bit inside": png()[:45] + bytes([png()[45] ^ 1]) + png()[46:],
+    "a length": png()[:8] + b"\xff" + png()[9:],
+}
+
+
+@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
 def test_what_is_no_whole_picture_is_refused(tmp_path: Path, content: bytes, palpate: Palpate) -> None:
     file = illustrated(tmp_path, content)
     with pytest.raises(ProtocolError) as error:
