@@ -39,6 +39,9 @@ LOST_S, SURE_S = 0.004, 0.1
 """Samples were lost where all that come for so long are later than in the second before, by so much or more, s. Ours:
 what is held up comes at once in the end, and shorter than `listening.AFTER_S`."""
 
+SLOW = 0.02
+"""A sensor whose own clock is slow by up to so much loses nothing, however late it is in the end. Ours."""
+
 RING_S = 10.0
 """How much is held besides a take, s: the slowest foot takes 2 s from gate to panel."""
 
@@ -205,12 +208,15 @@ _Taken = tuple[_Samples | None, int | None, int | None]
 
 
 class Lateness:
-    """How late the pieces of a stream come: for good after samples that were lost."""
+    """How late the pieces of a stream come: at once, and for good, after samples that were lost."""
 
     def __init__(self) -> None:
         self.unsure = False
         """Whether what came last is late."""
         self._usual_ns: dict[int, float] = {}
+        """The least `begun_ns` of each of the newest seconds."""
+        self._newest: dict[int, tuple[float, float]] = {}
+        """The same of a sensor that is slow by `SLOW`, and `begun_ns` of that piece."""
         self._since_ns, self._from, self._late_ns, self._lost_ns = 0, 0, inf, 0.0
 
     def add(self, first: int, begun_ns: float, arrived_ns: int) -> tuple[int, float] | None:
@@ -219,19 +225,23 @@ class Lateness:
         `first` is its first sample, and `begun_ns` when the stream began if it was not held up and nothing was lost but
         what was returned before. It may show that this was less: then both are returned again.
         """
-        second, usual_ns = arrived_ns // 10**9, min(self._usual_ns.values(), default=begun_ns)
-        late_ns = begun_ns - usual_ns
-        if late_ns < -LOST_S * 1e9 / 2 and self._lost_ns:
-            self._lost_ns = max(self._lost_ns + late_ns, 0.0)
+        second, slow_ns = arrived_ns // 10**9, begun_ns - SLOW * arrived_ns
+        early_ns = begun_ns - min(self._usual_ns.values(), default=begun_ns)
+        if early_ns < -LOST_S * 1e9 / 2 and self._lost_ns:
+            self._lost_ns = max(self._lost_ns + early_ns, 0.0)
             return self._from, self._lost_ns
+        usual_slow_ns, newest_ns = min(self._newest.values(), default=(slow_ns, begun_ns))
+        late_ns = begun_ns - usual_slow_ns - SLOW * (self._since_ns if self.unsure else arrived_ns)
         if late_ns < LOST_S * 1e9:
             self.unsure = False
-            of_second_ns = min(begun_ns, self._usual_ns.get(second, inf))
-            self._usual_ns = {s: ns for s, ns in self._usual_ns.items() if s >= second - 1} | {second: of_second_ns}
+            usual_ns = min(begun_ns, self._usual_ns.get(second, inf))
+            newest = min((slow_ns, begun_ns), self._newest.get(second, (inf, inf)))
+            self._usual_ns = {s: ns for s, ns in self._usual_ns.items() if s >= second - 1} | {second: usual_ns}
+            self._newest = {s: ns for s, ns in self._newest.items() if s >= second - 1} | {second: newest}
             return None
         if not self.unsure:
             self.unsure, self._since_ns, self._from, self._late_ns, self._lost_ns = True, arrived_ns, first, inf, 0.0
-        self._late_ns = min(self._late_ns, late_ns)
+        self._late_ns = min(self._late_ns, begun_ns - newest_ns)
         if arrived_ns - self._since_ns < SURE_S * 1e9:
             return None
         self.unsure, self._lost_ns = False, self._late_ns

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.experiment.apparatus.panel.accelerometer import LOST_S, RING_S, Gap, Listening
+from palpate.experiment.apparatus.panel.accelerometer import LOST_S, RING_S, SLOW, Gap, Listening
 from palpate.experiment.rehearsal.clock import ManualClock
 
 RATE_HZ, PIECE_S, LONG_S, TAKE_S = 1000, 0.01, 3.0, 2.0
@@ -107,6 +107,14 @@ def test_what_is_held_up_and_a_clock_that_drifts_are_no_gap(stream: dict[str, An
     late_s, gaps = from_s(heard(**stream), stream.get("lasts_s", LONG_S) - 0.6)
     assert late_s == pytest.approx(0.0, abs=0.006)
     assert not gaps
+
+
+@pytest.mark.parametrize("slow", [-SLOW, -0.003, 0.003, 0.01, SLOW])
+@pytest.mark.parametrize("gaps_s", [{}, {6.0: 0.05}], ids=["whole", "a gap"])
+def test_a_sensor_with_a_slow_or_fast_clock_loses_what_was_lost_alone(slow: float, gaps_s: dict[float, float]) -> None:
+    """Two parts in a hundred are 16 ms after eight tenths of a second."""
+    _, gaps = from_s(heard(gaps_s=gaps_s, ppm=slow * 1e6, lasts_s=9.0), 1.0, 7.5)
+    assert [gap.lasts_s for gap in gaps] == pytest.approx(list(gaps_s.values()), abs=0.01)
 
 
 def test_what_lags_for_a_while_behind_a_gap_does_not_lengthen_it_for_good() -> None:
