@@ -198,4 +198,4 @@ def test_answers_are_counted_by_material_and_so_are_those_left_out(width: int, r
     tally = Tally(presented="felt", answers=(("cork", 11), ("felt", 1)))
     told = MEASURED.model_copy(update={"tallies": (tally,), "answered": 13})
     answers = [Choice(key=name[0], words=name) for name in ("felt", "cork")]
-    assert picture.results(told, answers, width).plain.split("\n")[1:] == [*rows, "others: 1 answers"]
+    assert picture.results(told, answers, width).plain.split("\n")[1:] == [*rows, "other answers: 1"]
