@@ -231,7 +231,7 @@ def _roundest_rate(steps_s: Floats) -> float:
     """Return the sampling rate of the fewest digits, Hz, at which rounded times have these steps."""
     span, finest = float(steps_s.sum()), float(steps_s[steps_s > 0].min())
     rates = (float(f"{steps_s.size / span:.{digits}g}") for digits in range(1, 17))
-    return next(one for one in rates if abs(steps_s.size / one - span) <= finest)
+    return next((one for one in rates if abs(steps_s.size / one - span) <= finest), steps_s.size / span)
 
 
 def _missing(steps: Floats) -> NDArray[np.int64]:

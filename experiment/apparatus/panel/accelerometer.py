@@ -36,7 +36,7 @@ BEFORE_S = 0.002
 """How much of a take lies before its trigger, s."""
 
 LOST_S, SURE_S = 0.004, 0.1
-"""Samples were lost where all that come for so long are later than in the second before, by so much or more, s. Ours:
+"""Samples were lost where all that come for so long are later than those just before, by so much or more, s. Ours:
 what is held up comes at once in the end, and shorter than `listening.AFTER_S`."""
 
 SLOW = 0.02
@@ -216,7 +216,7 @@ class Lateness:
         self._usual_ns: dict[int, float] = {}
         """The least `begun_ns` of each of the newest seconds."""
         self._newest: dict[int, tuple[float, float]] = {}
-        """The same of a sensor that is slow by `SLOW`, and `begun_ns` of that piece."""
+        """The least `begun_ns` if the sensor's clock were slow by `SLOW`, and that piece's own `begun_ns`."""
         self._since_ns, self._from, self._late_ns, self._lost_ns = 0, 0, inf, 0.0
 
     def add(self, first: int, begun_ns: float, arrived_ns: int) -> tuple[int, float] | None:

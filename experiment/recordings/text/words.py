@@ -6,11 +6,12 @@ import csv
 import io
 import re
 from collections import Counter
-from itertools import chain, islice, pairwise
+from itertools import islice, pairwise
+from math import isfinite, nan
 
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.text.cells import is_missing, is_number
-from palpate.experiment.settings.delimited import DELIMITERS, SAMPLE, records
+from palpate.experiment.settings.delimited import DELIMITERS, SAMPLE, number, records
 
 FEWEST, MOST = 0.9, 0.1
 """Of the rows of a sample, this share or more has a number in a channel, and this share or less in words. Ours."""
@@ -60,16 +61,18 @@ def _refuse_labels(text: str, delimiter: str) -> None:
     A line that begins with a backslash has the frequencies of the label above.
     """
     lines = [one for one in text.splitlines() if one and not one.startswith("\\")]
-    spans = [one.split(delimiter)[:2] for one in lines]
-    if not all(map(is_number, chain.from_iterable(spans))):
-        return
-    edges = [float(cell.replace(",", ".")) for span in spans for cell in span]
+    edges = (_number(cell) for line in lines for cell in line.split(delimiter)[:2])
     if all(before <= after for before, after in pairwise(edges)):
         raise RecordingError(
             f"got {len(lines)} labels with the times at which each begins and ends",
             remedy="name the recording itself",
             allowed="samples of a recording",
         )
+
+
+def _number(cell: str) -> float:
+    """Return a number with a decimal point or a decimal comma; NaN for another cell."""
+    return next(filter(isfinite, (number(cell, decimal) for decimal in ".,")), nan)
 
 
 def _channels(text: str, delimiter: str) -> tuple[int, list[int]]:

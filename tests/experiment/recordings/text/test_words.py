@@ -31,3 +31,13 @@ def test_a_signal_with_a_phase_behind_it_is_no_label(tmp_path: Path) -> None:
     file = tmp_path / "phases.txt"
     file.write_text("".join(f"{i / 1000:.3f}\t{1 + i % 7}\tslide\n" for i in range(100)))
     assert list(read(file, stated=SECONDS).samples) == [1 + i % 7 for i in range(100)]
+
+
+@pytest.mark.parametrize(
+    "cells", [("1.234,5", "2.345,5"), ("1D3", "2D3"), ("+1", "2e3")], ids=["thousands", "D", "signs"]
+)
+def test_labels_are_known_however_their_numbers_are_written(tmp_path: Path, cells: tuple[str, str]) -> None:
+    file = tmp_path / "labels.txt"
+    file.write_text("\t".join((*cells, "tap\n")) + "3.456,5\t4.567,5\ttap\n" * (cells[0] == "1.234,5"))
+    with pytest.raises(RecordingError):
+        read(file, stated=SECONDS)
