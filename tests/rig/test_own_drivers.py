@@ -362,10 +362,10 @@ def pushing(folder: Path, code: str, name: str, address: str) -> rigs.Rig:
     return rigs.load(file)
 
 
-def push(address: str, cycles: int, force_n: float = 0.5) -> float:
+def push(place: tuple[str, str], cycles: int, force_n: float = 0.5) -> float:
     """Push at 1 kHz for so many cycles, then say nothing more; returns when the last message left."""
     last_s = 0.0
-    with closing(ForceDevice(address, limit_n=2.0)) as device:
+    with closing(ForceDevice(place[0], limit_n=2.0, secret=place[1])) as device:
         for _ in range(cycles):
             device.push((force_n, 0.0), fast=False, now_ns=time.monotonic_ns())
             last_s = time.monotonic()
@@ -377,8 +377,8 @@ def push(address: str, cycles: int, force_n: float = 0.5) -> float:
 
 def test_an_arm_is_let_go_when_the_servo_is_silent(guide: Callable[[str], str], tmp_path: Path) -> None:
     far = Far()
-    with closing(far), force.served(pushing(tmp_path, guide("force"), "driven:Arm", far.address)) as address:
-        last_s = push(address, 50)
+    with closing(far), force.served(pushing(tmp_path, guide("force"), "driven:Arm", far.address)) as place:
+        last_s = push(place, 50)
     zeros = [at_s for at_s, n in far.pushed if at_s > last_s and n == 0.0]
     assert max(n for _, n in far.pushed) == 0.5
     # 2 ms by the device's own promise; a busy machine wakes whoever waits later.
@@ -390,9 +390,24 @@ def test_a_force_beyond_the_device_is_bounded(guide: Callable[[str], str], tmp_p
     rig = pushing(tmp_path, guide("force"), "driven:Arm", far.address)
     small = rig.model_copy(update={"servo": rig.servo and rig.servo.model_copy(update={"full_scale_n": 0.25})})
     small._folder = rig.folder
-    with closing(far), force.served(small) as address:
-        push(address, 3)
+    with closing(far), force.served(small) as place:
+        push(place, 3)
     assert max(n for _, n in far.pushed) == pytest.approx(0.25)
+
+
+def test_programs_without_the_secret_push_nothing_and_keep_nobody_out(
+    guide: Callable[[str], str], tmp_path: Path
+) -> None:
+    far = Far()
+    with closing(far), force.served(pushing(tmp_path, guide("force"), "driven:Arm", far.address)) as (address, secret):
+        host, _, port = address.rpartition(":")
+        with socket.create_connection((host, int(port))) as silent:
+            for shown in ("", "00" * process.SECRET_BYTES):
+                with pytest.raises(ServoError):
+                    push((address, shown), 20_000, 1.5)
+            push((address, secret), 3)
+            assert silent.fileno() > 0
+    assert max(n for _, n in far.pushed) == 0.5
 
 
 @pytest.mark.parametrize("returned", [None, (np.nan, 1, 0, 0), (0, 1, 0, 0), (time.monotonic_ns(), 6, 0, 0)])
@@ -410,8 +425,8 @@ def test_what_read_returns_has_to_be_possible(samples: object) -> None:
 @pytest.mark.parametrize("how", ["open", "raises"])
 def test_an_arm_whose_driver_fails_is_told_of(tmp_path: Path, how: str) -> None:
     code = FAULTY.replace("self.rate_hz = settings.address, settings.rate_hz", "self.rate_hz = settings.address, 1000")
-    with pytest.raises(ServoError) as refused, force.served(pushing(tmp_path, code, "driven:Faulty", how)) as address:
-        push(address, 100)
+    with pytest.raises(ServoError) as refused, force.served(pushing(tmp_path, code, "driven:Faulty", how)) as place:
+        push(place, 100)
     assert refused.value.finding.remedy
 
 
@@ -440,7 +455,8 @@ def arm(folder: Path) -> Iterator[tuple[hosting.DriverProcess, Path]]:
     driver = force._started(pushing(folder, LOGGING, "driven:Arm", str(log)))
 
     def go_on() -> None:
-        with closing(ForceDevice(force._address(driver), limit_n=2.0)) as device, suppress(ServoError):
+        address, secret = force._place(driver)
+        with closing(ForceDevice(address, limit_n=2.0, secret=secret)) as device, suppress(ServoError):
             while not over.wait(0.0005):
                 device.push((0.5, 0.0), fast=False, now_ns=time.monotonic_ns())
                 device.late_ns(time.monotonic_ns())

@@ -43,11 +43,11 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
     where = address or device.address
     try:
         with ExitStack() as opened:
-            served = where
+            served = where, ""
             if address is None and ":" in device.driver:
                 own = import_module("palpate.experiment.apparatus.wires.own.force")
                 served = opened.enter_context(own.served(rig))
-            line = opened.enter_context(closing(ForceDevice(served, limit_n=0.0)))
+            line = opened.enter_context(closing(ForceDevice(served[0], limit_n=0.0, secret=served[1])))
             yield passed("force device", f"{where} accepts a connection; no force was sent")
             yield from answers(_measure_waits(line, device, rate_hz, clock), device, rate_hz=rate_hz)
     except PalpateError as error:

@@ -68,13 +68,17 @@ RUNS = "see that it runs, then go on"
 class ForceDevice:
     """What pushes the hand; it holds a force until the next one, but no longer than 2 ms."""
 
-    def __init__(self, address: str, *, limit_n: float) -> None:
-        """Connect to the device at `host:port`, with a limit of force, N. Raises `ServoError` for no answer."""
+    def __init__(self, address: str, *, limit_n: float, secret: str = "") -> None:
+        """Connect to the device at `host:port`, with a limit of force, N, and first show it a secret, hexadecimal.
+
+        Raises `ServoError` for no answer.
+        """
         host, _, port = address.rpartition(":")
         self._address = address
         self._limit_n = limit_n
         try:
             self._line = socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S)
+            self._line.sendall(bytes.fromhex(secret))
         except OSError as error:
             why = f"nothing answers there ({error.strerror or error})"
             raise self._trouble(why, "start its server, or correct servo.address in the rig file") from error

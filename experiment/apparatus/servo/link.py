@@ -234,7 +234,7 @@ class ServoHere:
     def __init__(self, orders: Orders, tracker: Tracker) -> None:
         """Render what the tracker reads. Raises `ServoError` if the device cannot be opened."""
         self._orders, self._tracker = orders, tracker
-        self._device = ForceDevice(orders.address, limit_n=orders.limit_n)
+        self._device = ForceDevice(orders.address, limit_n=orders.limit_n, secret=orders.secret)
         self._asked: tuple[Block | None, int] = (None, 0)
         self._under: tuple[Block | None, int] = self._asked
         self._at = Rendered()

@@ -74,6 +74,7 @@ class Orders:
 
     `counts` and `mm` are the tracker's calibration, `along_counts` and `along_mm` along a planar one's face; its noise
     includes the rounding to counts. `told_kg` is the mass that the observer is told; without one there is no observer.
+    `secret` is what the device is shown first, hexadecimal.
     """
 
     port: str
@@ -91,6 +92,7 @@ class Orders:
     along_mm: tuple[float, ...] = ()
     noise_m: float = 0.0
     told_kg: float = 0.0
+    secret: str = ""
 
     def observer(self) -> Observer | None:
         """Return what tells where the hand is; None where nothing is known of the device's mass."""
@@ -208,7 +210,7 @@ class Servo:
         """Open tracker and device. Raises `PalpateError` if one cannot be opened."""
         self._orders, self._line, self._pulse = orders, line, pulse
         self._session = Session()
-        self._device = ForceDevice(orders.address, limit_n=orders.limit_n)
+        self._device = ForceDevice(orders.address, limit_n=orders.limit_n, secret=orders.secret)
         self._port = SerialPort(orders.port, orders.baud)
         self._port.discard()
         self._decoder = orders.decoder()

@@ -36,11 +36,11 @@ class Force(Protocol):
 
 
 @contextmanager
-def served(rig: Rig) -> Iterator[str]:
-    """Yield the address at which the force device of a rig is served meanwhile. Raises `ServoError`."""
+def served(rig: Rig) -> Iterator[tuple[str, str]]:
+    """Yield where the force device of a rig is served meanwhile: address, and secret to show. Raises `ServoError`."""
     driver = _started(rig)
     try:
-        yield _address(driver)
+        yield _place(driver)
     finally:
         driver.close()
 
@@ -49,8 +49,14 @@ def _started(rig: Rig) -> DriverProcess:
     return DriverProcess(rig, "servo", servo_of(rig), refused=ServoError, hear=lambda *_: None)
 
 
-def _address(driver: DriverProcess) -> str:
-    return f"127.0.0.1:{(driver.opened or {})['port']}"
+def _place(driver: DriverProcess) -> tuple[str, str]:
+    told = driver.opened or {}
+    return f"127.0.0.1:{told['port']}", told["secret"]
+
+
+def _placed(orders: Orders, driver: DriverProcess) -> Orders:
+    address, secret = _place(driver)
+    return replace(orders, address=address, secret=secret)
 
 
 class DriverServo(ServoProcess):
@@ -60,7 +66,7 @@ class DriverServo(ServoProcess):
         """Open the device, then as `ServoProcess`. Raises `ServoError`."""
         self._rig, self._driver, self._blames = rig, _started(rig), True
         try:
-            super().__init__(replace(orders, address=_address(self._driver)), clock)
+            super().__init__(_placed(orders, self._driver), clock)
         except BaseException:
             self._driver.close()
             raise
@@ -86,7 +92,7 @@ class DriverServo(ServoProcess):
     def reconnect(self) -> None:
         self.close()
         self._driver, self._blames = _started(self._rig), True
-        self._orders = replace(self._orders, address=_address(self._driver))
+        self._orders = _placed(self._orders, self._driver)
         self._begin()
 
     def close(self) -> None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import secrets
-import select
 import socket
 import subprocess
 import tempfile
 import threading
-import time
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -24,8 +22,6 @@ from palpate.experiment.errors import PalpateError
 
 STARTS_S, OPENS_S = 10.0, 8.0
 """How long the process may take to be there, and its driver then to open the device, s; ours."""
-
-SECRET_BYTES = 32
 
 MENDED = "restart the device, or have the driver mended; then go on"
 
@@ -81,7 +77,7 @@ class DriverProcess:
             raise self.error(fault, "see that it is switched on and free, or have the driver mended")
 
     def _start(self, orders: dict[str, Any]) -> None:
-        wanted, shown = secrets.token_bytes(SECRET_BYTES), secrets.token_bytes(SECRET_BYTES)
+        wanted, shown = secrets.token_bytes(process.SECRET_BYTES), secrets.token_bytes(process.SECRET_BYTES)
         self._told = tempfile.TemporaryFile()  # noqa: SIM115
         with socket.create_server(("127.0.0.1", 0)) as server, host.elsewhere(), beside.held_back():
             command = storage.python_command("-m", process.__name__, str(server.getsockname()[1]))
@@ -91,7 +87,7 @@ class DriverProcess:
             try:
                 with self._process.stdin or self._told as told:
                     told.write(f"{wanted.hex()} {shown.hex()}\n".encode())
-                self._there = _showing(wanted, server)
+                self._there = process.showing(wanted, server, STARTS_S)
                 self._line = Connection(self._there.dup().detach())
                 self._line.send_bytes(shown)
                 self._line.send(orders)
@@ -162,21 +158,3 @@ class DriverProcess:
         said = [line.strip() for line in lines if line.strip()]
         code = self._process.returncode
         return said[-1][:120] if said and code and code > 0 else f"exit status {code}"
-
-
-def _showing(secret: bytes, server: socket.socket) -> socket.socket:
-    """Return the connection of whoever shows a secret; others that connect are let go. Raises `OSError`."""
-    ends_s, others = time.monotonic() + STARTS_S, list[socket.socket]()
-    with ExitStack() as stack:
-        while (left_s := ends_s - time.monotonic()) > 0:
-            for ready in select.select([server, *others], [], [], left_s)[0]:
-                if ready is server:
-                    others.append(stack.enter_context(server.accept()[0]))
-                    continue
-                others.remove(ready)
-                # So few bytes come in one piece.
-                with suppress(ConnectionError):
-                    if secrets.compare_digest(ready.recv(SECRET_BYTES), secret):
-                        return ready.dup()
-                ready.close()
-    raise TimeoutError(f"it did not connect within {STARTS_S:g} s")

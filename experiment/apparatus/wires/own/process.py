@@ -12,6 +12,8 @@ import json
 import math
 import operator
 import os
+import secrets
+import select
 import signal
 import socket
 import sys
@@ -19,7 +21,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
@@ -38,6 +40,8 @@ from palpate.experiment.synthesis.contact.block import Pair
 OPENED, FAILED, SENT, BLOCK = "opened", "failed", "sent", "block"
 PREPARE, START, STOP = "prepare", "start", "stop"
 """Kinds of messages: from this process, and to it."""
+
+SECRET_BYTES = 32
 
 LEAD_S = 1.0
 """The longest time before its start that a driver may want to know of a stimulus, s."""
@@ -58,6 +62,28 @@ class DriverFault(Exception):
     def __init__(self, part: str, what: str) -> None:
         super().__init__(part, what)
         self.part, self.what = part, what
+
+
+def showing(secret: bytes, server: socket.socket, within_s: float | None) -> socket.socket:
+    """Return the connection of whoever shows a secret, None: however late; others that connect are let go.
+
+    Raises `OSError`.
+    """
+    ends_s, others = None if within_s is None else time.monotonic() + within_s, list[socket.socket]()
+    with ExitStack() as stack:
+        while ends_s is None or ends_s > time.monotonic():
+            left_s = None if ends_s is None else max(0.0, ends_s - time.monotonic())
+            for ready in select.select([server, *others], [], [], left_s)[0]:
+                if ready is server:
+                    others.append(stack.enter_context(server.accept()[0]))
+                    continue
+                others.remove(ready)
+                # So few bytes come in one piece.
+                with suppress(ConnectionError):
+                    if secrets.compare_digest(ready.recv(SECRET_BYTES), secret):
+                        return ready.dup()
+                ready.close()
+    raise TimeoutError(f"it did not connect within {within_s:g} s")
 
 
 def blamed(part: str, call: Callable[..., Any], *arguments: Any) -> Any:
@@ -245,21 +271,21 @@ class Force(Role):
     def __init__(self, line: Connection, driver: Any, orders: dict[str, Any]) -> None:
         super().__init__(line, driver)
         self._most_n, self._pushes, self._is_pushing = orders["full_scale_n"], 0, False
-        self._server = socket.create_server(("127.0.0.1", 0))
+        self._server, self._secret = socket.create_server(("127.0.0.1", 0)), secrets.token_bytes(SECRET_BYTES)
         self._servo: socket.socket | None = None
         self._over = False
         self._push(NO_FORCE, 0, False)
 
     def opened(self) -> dict[str, Any]:
-        return {"port": self._server.getsockname()[1]}
+        return {"port": self._server.getsockname()[1], "secret": self._secret.hex()}
 
     def _work(self) -> None:
-        """Serve one connection after the other."""
+        """Serve one connection after the other, of whoever shows the secret."""
         beside.raise_above_sessions()
         threading.Thread(target=self._guard, daemon=True).start()
         try:
             while True:
-                with self._server.accept()[0] as self._servo:
+                with showing(self._secret, self._server, None) as self._servo:
                     if self._over:
                         break
                     hold(self._servo, self._push)
