@@ -20,7 +20,8 @@ from palpate.analysis.conditions.touched import touched_section
 from palpate.analysis.documents import page
 from palpate.analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from palpate.analysis.documents.tables import WIDTH, Section, text
-from palpate.analysis.reading.dataset import COMPUTING, Say, read_pooled, silent
+from palpate.analysis.reading.dataset import COMPUTING, Say, silent
+from palpate.analysis.reading.pooled import read_pooled
 from palpate.analysis.reading.study import Study, nothing_left
 from palpate.analysis.report import prose
 from palpate.experiment.errors import DatasetError

@@ -17,7 +17,8 @@ from palpate.analysis import designs
 from palpate.analysis.conditions.control import apart
 from palpate.analysis.documents.output import check, publish
 from palpate.analysis.documents.tables import cell
-from palpate.analysis.reading.dataset import FURTHER, MISSING, read_pooled
+from palpate.analysis.reading.files import FURTHER, MISSING
+from palpate.analysis.reading.pooled import read_pooled
 from palpate.analysis.reading.study import Study
 from palpate.experiment.records import events
 from palpate.experiment.synthesis.noticing import THIRDS_HZ

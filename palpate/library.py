@@ -60,7 +60,7 @@ def read(dataset: PathLike, *others: PathLike) -> Study:
     >>> (trials["presented"] == trials["answered"]).groupby(trials["task"], sort=False).mean().round(3).to_dict()
     {'virtual': 0.53, 'real': 0.648}
     """
-    from palpate.analysis.reading.dataset import read_pooled
+    from palpate.analysis.reading.pooled import read_pooled
     from palpate.experiment.dataset.tables import check_analysed
 
     folders = [Path(one) for one in (dataset, *others)]

@@ -1,19 +1,15 @@
-"""A dataset on disk, or several pooled, as a `Study` that lists every attempt and participant left out, and why.
+"""A dataset on disk as a `Study` that lists every attempt and participant left out, and why.
 
 Only the BIDS files are read: `dataset_description.json`, `participants.tsv`, `sub-*/beh/*_events.tsv` with their
-sidecars, and `sourcedata/protocol.toml`; no journals. Nobody may be in two pooled datasets: sessions are compared by
-their ids, and without an id by trials, answers and times of the same participant.
+sidecars, and `sourcedata/protocol.toml`; no journals.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import math
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from glob import escape
 from itertools import product
 from pathlib import Path
@@ -21,57 +17,30 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import pandas as pd
 
-from palpate.analysis.documents.tables import plural
+from palpate.analysis.reading.files import (
+    MISSING,
+    Levels,
+    json_of,
+    presented_in,
+    table_of,
+    trials_in,
+    wrong,
+)
 from palpate.analysis.reading.labels import check_once, first_tasks_of_people, sentences, took_part
-from palpate.analysis.reading.study import Part, Study, Task, TaskDesign, check_chances
+from palpate.analysis.reading.study import Part, Study, Task, TaskDesign
 from palpate.analysis.reading.versions import apply_rules, of_people, read_versions
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError, other_format
 from palpate.experiment.protocol import designs, kinds
-from palpate.experiment.records.events import NO_ANSWER, PLACES, Columns, columns_of
-from palpate.experiment.settings.characters import JOINERS, hidden, quoted
+from palpate.experiment.records.events import PLACES
 
 if TYPE_CHECKING:
     from palpate.experiment.protocol.models import Protocol
 
 T = TypeVar("T")
 
-MISSING = "n/a"
-FURTHER = {
-    "masker_db_a": "masker_level",
-    "level": "level",
-    **{f"{column}_s": column for column in ("prediction_error", "delivery_error", "gate_to_scheduled", "dead_time")},
-    "foot_force_n": "foot_force",
-    "foot_force_peak_n": "foot_force_peak",
-    "stimulus_error": "stimulus_error",
-    "left_out": "left_out",
-    "dissimilarity_m_s2": "dissimilarity",
-    "sent_peak_m_s2": "sent_peak",
-    "heard_peak_m_s2": "heard_peak",
-    "heard_delay_s": "heard_delay",
-    "heard_gain": "heard_gain",
-}
-"""The name of each further column of numbers in the frame, and in the events file."""
-
-OF_STEPS = {
-    "foot_speed_mm_s": ("foot_speed", "a number from 0"),
-    "frames_lost": ("frames_lost", "a whole number from 0"),
-    "delivered": ("delivered", "0, 1"),
-    "onset_error_s": ("onset_error", "a number"),
-}
-"""What only footsteps have: its name in the frame, its column, and what that may hold; NaN of other trials."""
-
-THIRDS = 18
-"""So many third octaves are from 10 to 500 Hz."""
-
 TOUCHED = ("Contactor", "Touch")
 """Keys of a sidecar that say what the skin touched."""
-
-PRESENTED = ("presented", *PLACES)
-"""Columns that say what a trial presented; a kind has the first, or the others."""
-
-NEEDED = ("trial", "attempt", "counted", "answered", "response_time", "redo_reason", "origin")
-"""Columns without which no trial is read; a dataset of an older format may lack others that came later."""
 
 ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED")
 
@@ -139,8 +108,8 @@ def read(root: Path, say: Say = silent) -> Study:
         recorded = path.name.removesuffix("events.tsv") + "recording-force"
         near = [one for one in path.parent.iterdir() if one.name.startswith(recorded)]
         forces[participant, task] = tuple(sorted(one for one in near if one.name.endswith("_physio.tsv.gz")))
-        levels = _Levels(shown, own, facts["Origin"], facts.get("Format") != storage.DATASET_FORMAT)
-        _extend(columns, _events(path, participant, task, levels, sidecar["Rows"]), texts)
+        levels = Levels(shown, own, facts["Origin"], facts.get("Format") != storage.DATASET_FORMAT)
+        _extend(columns, trials_in(path, participant, task, levels, sidecar["Rows"]), texts)
     if not columns:
         raise DatasetError(f"{root} contains no trials", remedy="run a session first, then make the dataset again")
     versions = tuple(of_people(read_versions(root, facts), people))
@@ -242,16 +211,6 @@ def _sealed(plan: Path, protocol: Protocol) -> str:
     return f"sealed, approval {seal.approval_number} of {seal.board}, from {seal.approved_on} on{renewed}"
 
 
-@dataclass(frozen=True)
-class _Levels:
-    """What the cells of an events file may hold."""
-
-    presented: tuple[str, ...]
-    design: TaskDesign
-    origin: str
-    older: bool
-
-
 def _design(sidecar: dict[str, Any]) -> TaskDesign:
     # A sidecar names its answers where these are not the materials.
     name, answers = sidecar["Design"], tuple(sidecar.get("Answers", sidecar["Materials"]))
@@ -280,108 +239,39 @@ def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
     return facts
 
 
-def _text(path: Path, remedy: str) -> str:
-    try:
-        return storage.read_text(path)
-    except FileNotFoundError as error:
-        raise DatasetError(f"{path} is missing", remedy=remedy) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise DatasetError(f"{path} cannot be read ({storage.why(error)})", remedy=remedy) from error
-
-
 def _description(root: Path) -> dict[str, Any]:
     if not root.is_dir():
         raise DatasetError(root, "is no folder", "give that of a dataset, such as participants/okamoto2012")
-    return _json(root / "dataset_description.json", "give the folder of a dataset made by palpate")
-
-
-def _json(path: Path, remedy: str) -> dict[str, Any]:
-    text = _text(path, remedy)
-    try:
-        content = storage.json_of(text)
-    except json.JSONDecodeError as error:
-        raise DatasetError(path, f"line {error.lineno} is not JSON ({error.msg})", "make the dataset again") from error
-    except ValueError as error:
-        raise DatasetError(path, f"is not JSON ({error})", "make the dataset again") from error
-    if not isinstance(content, dict):
-        raise DatasetError(path, f"got {type(content).__name__}", "make the dataset again", allowed="a JSON object")
-    # Without escapes and without such a character in the text, none can stand in what it holds.
-    if "\\" in text or hidden(text, "\n" + JOINERS):
-        _refuse_hidden(path, content)
-    return content
-
-
-def _refuse_hidden(path: Path, held: object) -> None:
-    """Refuse a text, wherever it stands in a document, with a character that a page or a table must not show."""
-    if isinstance(held, Mapping):
-        held = [*held, *held.values()]
-    if isinstance(held, list):
-        for one in held:
-            _refuse_hidden(path, one)
-    elif isinstance(held, str) and hidden(held, "\n" + JOINERS):
-        raise DatasetError(
-            path,
-            f"got {quoted(held)}",
-            "make the dataset again",
-            allowed="text without control or invisible characters",
-        )
+    return json_of(root / "dataset_description.json", "give the folder of a dataset made by palpate")
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
-    sidecar = _json(path, "make the dataset again, because every events file has its sidecar")
+    sidecar = json_of(path, "make the dataset again, because every events file has its sidecar")
     materials, rows = sidecar.get("Materials"), sidecar.get("Rows")
     if not (isinstance(materials, list) and len(materials) > 1 and all(isinstance(m, str) for m in materials)):
-        raise _wrong(path, "Materials", materials, "a list of two names or more")
+        raise wrong(path, "Materials", materials, "a list of two names or more")
     shown = sidecar.get("Presented", materials)
     if not (isinstance(shown, list) and shown and shown == [one for one in materials if one in shown]):
-        raise _wrong(path, "Presented", shown, f"a list of some of {', '.join(materials)}, in this order")
+        raise wrong(path, "Presented", shown, f"a list of some of {', '.join(materials)}, in this order")
     answers = sidecar.get("Answers", [])
     if not (isinstance(answers, list) and all(isinstance(answer, str) for answer in answers)):
-        raise _wrong(path, "Answers", answers, "a list of texts")
+        raise wrong(path, "Answers", answers, "a list of texts")
     touched = [sidecar.get(key, {}) for key in TOUCHED]
     if not all(isinstance(one, dict) for one in (*touched, *touched[1].values())):
-        raise _wrong(path, " and ".join(TOUCHED), touched, "objects")
+        raise wrong(path, " and ".join(TOUCHED), touched, "objects")
     for key, known in (("Kind", kinds.NAMES), ("Design", designs.NAMES)):
         if sidecar.get(key) not in known:
-            raise _wrong(path, key, sidecar.get(key), ", ".join(known))
-    if len(_presented(asked := _design(sidecar))) != asked.intervals:
-        raise _wrong(path, "Design", sidecar["Design"], f"a design that asks of what {sidecar['Kind']} presents")
+            raise wrong(path, key, sidecar.get(key), ", ".join(known))
+    if len(presented_in(asked := _design(sidecar))) != asked.intervals:
+        raise wrong(path, "Design", sidecar["Design"], f"a design that asks of what {sidecar['Kind']} presents")
     if not isinstance(rows, int):
-        raise _wrong(path, "Rows", rows, "the number of rows")
+        raise wrong(path, "Rows", rows, "the number of rows")
     return sidecar
-
-
-def _columns(asked: TaskDesign) -> Columns:
-    """Return the columns of a table of trials of a kind and a design."""
-    return columns_of(asked.kind, asked.intervals)
-
-
-def _presented(asked: TaskDesign) -> list[str]:
-    """Return those that say what a trial presented."""
-    return [column for column in PRESENTED if column in _columns(asked)]
-
-
-def _wrong(path: Path, key: str, got: object, allowed: str) -> DatasetError:
-    return DatasetError(path, f"{key} is {got!r}", "make the dataset again", allowed=allowed)
-
-
-def _table(path: Path) -> tuple[list[str], list[list[str]]]:
-    text = _text(path, "make the dataset again")
-    if not text.endswith("\n"):
-        raise DatasetError(f"{path} ends in the middle of a line", remedy="it is truncated: make the dataset again")
-    _refuse_hidden(path, text.replace("\t", " "))
-    lines = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
-    for number, line in enumerate(lines, start=1):
-        if len(line) != len(lines[0]):
-            raise DatasetError(
-                path, f"{len(line)} cells under {len(lines[0])} columns", "correct the line", line=number
-            )
-    return lines[0], lines[1:]
 
 
 def _participants(path: Path) -> tuple[dict[str, bool], dict[str, str], dict[tuple[str, str], str]]:
     """Return whether each participant withdrew, the first task of those who have one, and the cell of each column."""
-    columns, rows = _table(path)
+    columns, rows = table_of(path)
     if "participant_id" not in columns:
         raise DatasetError(path, f"the column participant_id is missing; got {columns}", "make the dataset again")
     found: dict[str, bool] = {}
@@ -410,284 +300,3 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
             raise DatasetError(
                 path, f"its task is not in dataset_description.json, which has {list(tasks)}", "add it there"
             )
-
-
-def _events(path: Path, participant: str, task: str, levels: _Levels, count: int) -> dict[str, Sequence[object]]:
-    """Return the columns of a table of trials, by their names in the frame."""
-    header, lines = _table(path)
-    own = list(_columns(levels.design))
-    if levels.older:
-        own = [column for column in own if column in (*NEEDED, *PRESENTED)]
-    if missing := [column for column in own if column not in header]:
-        raise DatasetError(path, f"missing columns: {', '.join(missing)}", "make the dataset again")
-    if len(lines) != count:
-        raise DatasetError(path, f"{plural(len(lines), 'row')}, its sidecar says {count}", "make the dataset again")
-    cells = {name: [line[place] for line in lines] for place, name in enumerate(header)}
-    _check_choices(path, cells, levels)
-    found = _parsed(path, cells, _presented(levels.design))
-    known: set[object] = set()
-    for number, (trial, counts) in enumerate(zip(found["trial"], found["counted"], strict=True), start=2):
-        if counts and trial in known:
-            raise DatasetError(path, f"trial {trial} counts twice", "let one attempt count", line=number)
-        known |= {trial} if counts else set()
-    return {"participant": [participant] * count, "task": [task] * count, **found}
-
-
-def _check_choices(path: Path, cells: Mapping[str, Sequence[str]], levels: _Levels) -> None:
-    """Raise `DatasetError` for the first cell of a column that is none of those that it may have."""
-    answers = (*levels.design.answers, NO_ANSWER)
-    choices: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-        "counted": (("0", "1"),) * 2,
-        **dict.fromkeys(_presented(levels.design), (levels.presented,) * 2),
-        "answered": ((*answers, MISSING), answers),
-        "origin": ((levels.origin,),) * 2,
-    }
-    for column, allowed in choices.items():
-        for number, (cell, counted) in enumerate(zip(cells[column], cells["counted"], strict=True), start=2):
-            if cell not in (may := allowed[counted == "1"]):
-                where, got = f"{path}: line {number}", f"{column}: got {cell!r}"
-                raise DatasetError(where, got, "correct the row", allowed=", ".join(may))
-
-
-def _parsed(path: Path, cells: Mapping[str, list[str]], presented: Sequence[str]) -> dict[str, Sequence[Any]]:
-    """Return the columns of the frame from the cells of each column."""
-    none = [MISSING] * len(cells["trial"])
-
-    def numbers(column: str, allowed: str = "a number") -> Sequence[float]:
-        if column not in cells:
-            return array("d", [math.nan]) * len(none)
-        return array("d", _each(path, column, cells[column], partial(_number, allowed=allowed)))
-
-    together = [" | ".join(of) for of in zip(*(cells[column] for column in presented), strict=True)]
-    counted = [cell == "1" for cell in cells["counted"]]
-    return {
-        **{column: _each(path, column, cells[column], _whole) for column in ("trial", "attempt")},
-        "counted": counted,
-        "presented": together,
-        **{column: cells[column] for column in presented},
-        "answered": cells["answered"],
-        "response_time_s": numbers("response_time", "a number from 0"),
-        **{name: numbers(column, allowed) for name, (column, allowed) in OF_STEPS.items()},
-        **{name: numbers(column) for name, column in FURTHER.items()},
-        **{name: _each(path, name, cells.get(name, none), _levels_db) for name in ("sent_thirds", "heard_thirds")},
-        "stimulus_method": cells.get("stimulus_method", none),
-        "heard_of": cells.get("heard_of", together),
-        "redo_reason": cells["redo_reason"],
-        "included": counted,
-    }
-
-
-def _each(path: Path, column: str, cells: Sequence[str], parse: Callable[[str], T]) -> list[T]:
-    """Return what each cell of a column holds. Raises `DatasetError` for the first that `parse` refuses."""
-    known: dict[str, T] = {}
-    for number, cell in enumerate(cells, start=2):
-        if cell not in known:
-            try:
-                known[cell] = parse(cell)
-            except ValueError as error:
-                got, allowed = error.args
-                where = f"{path}: line {number}: {column}"
-                raise DatasetError(where, got, "correct the row", allowed=allowed) from None
-    return [known[cell] for cell in cells]
-
-
-def _levels_db(cell: str) -> tuple[float, ...] | None:
-    """Return the levels of third octaves, dB, shape (18,); None for none."""
-    parts = [] if cell == MISSING else cell.split(" | ")
-    if parts and len(parts) != THIRDS:
-        raise ValueError(f"got {plural(len(parts), 'level')}", f"{THIRDS} levels, or {MISSING}")
-    return tuple(map(_number, parts)) or None
-
-
-def _whole(cell: str) -> int:
-    if not (cell.isascii() and cell.isdigit() and len(cell) < 8 and int(cell) > 0):
-        raise ValueError(f"got {cell!r}", "a whole number from 1")
-    return int(cell)
-
-
-ALLOWED: Mapping[str, Callable[[float], bool]] = {
-    "a number": math.isfinite,
-    "a number from 0": lambda value: 0 <= value < math.inf,
-    "a whole number from 0": lambda value: 0 <= value < 2**53 and value.is_integer(),
-    "0, 1": lambda value: value in (0, 1),
-}
-"""The words of an error -> the check of a value."""
-
-
-def _number(cell: str, allowed: str = "a number") -> float:
-    if cell == MISSING:
-        return math.nan
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    if not ALLOWED[allowed](value):
-        raise ValueError(f"got {cell!r}", f"{allowed}, or {MISSING}")
-    return value
-
-
-LEAST = 2
-"""Sessions of answers alone, without ids or times, that must agree before they count as copies."""
-
-NAMED = 5
-"""The most participants who are named where several are in two datasets."""
-
-
-def read_pooled(roots: Sequence[Path], say: Say = silent) -> Study:
-    """Read the datasets in these folders, and pool them where there are several; `say` gets progress.
-
-    Participant 03 of dataset `lab` becomes `lab-03`. Exclusions, plans and trials of each are those of its own
-    protocol. Raises `DatasetError` as `read`, and for a folder named twice, different origins, materials, titles or
-    chances, or the same people's trials; and `ProtocolError`.
-    """
-    if len({root.resolve() for root in roots}) < len(roots):
-        raise DatasetError(
-            f"got the same dataset twice in {', '.join(map(str, roots))}", remedy="name each dataset once"
-        )
-    studies = [read(root, say) for root in roots]
-    return studies[0] if len(studies) == 1 else _pool(studies, _names(roots))
-
-
-def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
-    first = studies[0]
-    _check_alike(studies, names)
-    for index, study in enumerate(studies):
-        for other in range(index):
-            _check_apart(studies[other], study, (names[other], names[index]))
-    ids = list(dict.fromkeys(study.id for study in studies))
-    renamed = [_renamed(study, name) for study, name in zip(studies, names, strict=True)]
-    parts = tuple(part for study in renamed for part in study.parts)
-    check_chances(parts, len(first.materials))
-    by_person: Any = {each: _union(getattr(study, each) for study in renamed) for each in BY_PERSON}
-    return replace(
-        first,
-        id="+".join(ids),
-        name=f"Pooled: {'; '.join(f'{s.name} ({name})' for s, name in zip(studies, names, strict=True))}",
-        tasks=_tasks(studies),
-        designs=_union(study.designs for study in studies),
-        participants=tuple(label for study in renamed for label in study.participants),
-        **by_person,
-        attempts=pd.concat([study.attempts for study in renamed], ignore_index=True),
-        exclusions=tuple(exclusion for study in renamed for exclusion in study.exclusions),
-        unasked=tuple(one for study in renamed for one in study.unasked),
-        parts=parts,
-        ordered=all(study.ordered for study in studies),
-    )
-
-
-BY_PERSON = ("first_tasks", "session_ids", "forces", "facts", "touched")
-"""What a study has by participant."""
-
-
-def _union(mappings: Iterable[Mapping[Any, Any]]) -> dict[Any, Any]:
-    return {key: value for mapping in mappings for key, value in mapping.items()}
-
-
-def _check_alike(studies: Sequence[Study], names: Sequence[str]) -> None:
-    first = studies[0]
-    origins = {study.origin for study in studies}
-    if len(origins) > 1:
-        raise DatasetError(
-            f"got datasets of {', '.join(sorted(origins))}",
-            remedy="pool the datasets of each origin separately",
-            allowed="those of one origin",
-        )
-    for study, name in zip(studies, names, strict=True):
-        if study.materials != first.materials:
-            raise DatasetError(
-                name,
-                f"got the materials {', '.join(study.materials)}",
-                "analyse it separately",
-                allowed=f"{', '.join(first.materials)}, as in {names[0]}",
-            )
-        if {*study.designs.values()} != {*first.designs.values()}:
-            raise DatasetError(
-                name, f"got other answers than in {names[0]}", "analyse it separately", allowed="the same"
-            )
-
-
-def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
-    there = {session_id: who for (who, _), session_id in second.session_ids.items()}
-    copies = {who: there[one] for (who, _), one in first.session_ids.items() if one in there}
-    people = [who if who == name else f"{who} (there {name})" for who, name in copies.items()]
-    told = "by the ids of their sessions"
-    if not people:
-        old, new = _trials(first), _trials(second)
-        both = [key for key in old if key in new and not (key in first.session_ids and key in second.session_ids)]
-        alike = [key for key in both if old[key] == new[key]]
-        # Times hardly coincide, whatever the labels are. Answers alone may, but hardly those of several sessions and of
-        # every one in both.
-        people = _same_trials(first, second)
-        if len(alike) >= LEAST and len(alike) == len(both):
-            people += [who for who, _ in alike]
-        people = list(dict.fromkeys(people))
-        told = "all trials of a session are the same, and no id distinguishes the sessions"
-    if people:
-        more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""
-        raise DatasetError(
-            f"{names[0]} and {names[1]} contain the same trials of {', '.join(people[:NAMED])}{more} ({told})",
-            remedy="give each participant once",
-        )
-
-
-def _same_trials(first: Study, second: Study) -> list[str]:
-    """Return who of the first has a session, with times, of the same trials in the second, where one has no id."""
-    timed = first.attempts.dropna(subset="response_time_s").groupby(["participant", "task"]).groups
-    old = {(key[1], trials): key for key, trials in _trials(first).items() if key in timed}
-    both = ((old.get((key[1], trials)), key) for key, trials in _trials(second).items())
-    return [one[0] for one, other in both if one and not (one in first.session_ids and other in second.session_ids)]
-
-
-def _trials(study: Study) -> dict[tuple[str, str], str]:
-    """Return participant and task -> the attempts of the session as text, of sessions with a mistake."""
-    columns = ["trial", "attempt", "presented", "answered", "response_time_s", "foot_speed_mm_s"]
-    return {
-        (str(who), str(task)): held[columns].to_csv(index=False)
-        for (who, task), held in study.attempts.groupby(["participant", "task"], sort=False)
-        if (held["presented"] != held["answered"]).any()
-    }
-
-
-def _names(roots: Sequence[Path]) -> list[str]:
-    plain = [root.resolve().name for root in roots]
-    return [name if plain.count(name) == 1 else f"{name}{index}" for index, name in enumerate(plain, start=1)]
-
-
-def _renamed(study: Study, name: str) -> Study:
-    return replace(
-        study,
-        participants=tuple(f"{name}-{label}" for label in study.participants),
-        first_tasks={f"{name}-{label}": task for label, task in study.first_tasks.items()},
-        facts={(f"{name}-{who}", column): cell for (who, column), cell in study.facts.items()},
-        session_ids={(f"{name}-{who}", task): one for (who, task), one in study.session_ids.items()},
-        forces={(f"{name}-{who}", task): one for (who, task), one in study.forces.items()},
-        touched={(f"{name}-{who}", task): one for (who, task), one in study.touched.items()},
-        attempts=study.attempts.assign(participant=[f"{name}-{who}" for who in study.attempts["participant"]]),
-        exclusions=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.exclusions),
-        unasked=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.unasked),
-        parts=tuple(
-            replace(
-                part,
-                name=name,
-                participants=tuple(f"{name}-{label}" for label in part.participants),
-                versions=tuple(
-                    replace(one, sessions=frozenset((f"{name}-{who}", task) for who, task in one.sessions))
-                    for one in part.versions
-                ),
-            )
-            for part in study.parts
-        ),
-    )
-
-
-def _tasks(studies: Sequence[Study]) -> tuple[Task, ...]:
-    found: dict[str, Task] = {}
-    for study in studies:
-        for task in study.tasks:
-            known = found.setdefault(task.id, task)
-            if (known.title, known.presented) != (task.title, task.presented):
-                one, other = (f"'{each.title}' with {', '.join(each.presented)}" for each in (known, task))
-                raise DatasetError(
-                    f"task {task.id}", f"got {one}, and {other}", "analyse the datasets separately", allowed="one"
-                )
-    return tuple(found.values())

@@ -234,7 +234,7 @@ class Study:
     `forces` the tables of what a servo sent, `facts` participant and column -> the cell of participants.tsv,
     `touched` the keys Contactor and Touch of sidecars. `attempts` has a row for each attempt: participant, task,
     trial, attempt, counted, presented, answered, response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or
-    NaN), onset_error_s, redo_reason, included, and the columns of `dataset.FURTHER`, sent_thirds and heard_thirds
+    NaN), onset_error_s, redo_reason, included, and the columns of `files.FURTHER`, sent_thirds and heard_thirds
     (dB, or None), heard_of (whose), and those that say what a design presented. `designs` are by task, and of one
     name. `ordered`: trials are numbered as they were done.
     """

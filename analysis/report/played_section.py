@@ -5,7 +5,7 @@ from collections import Counter
 import pandas as pd
 
 from palpate.analysis.documents.tables import Column, Record, Section, number, plural, tabulate
-from palpate.analysis.reading.dataset import MISSING
+from palpate.analysis.reading.files import MISSING
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report.heard import UNHEARD, UNLISTENED, heard_tables
 from palpate.experiment.synthesis.noticing import SOLE, noticed_where_alike

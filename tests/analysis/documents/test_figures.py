@@ -14,8 +14,9 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, svg, told_apart
 from palpate.analysis.documents.flow import flow
 from palpate.analysis.identification.results import compute
-from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
+from palpate.analysis.reading.pooled import read_pooled
 from palpate.analysis.report.figures import sheets
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
 from tests.analysis.legible import check

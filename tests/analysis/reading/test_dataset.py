@@ -11,7 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.pooled import read_pooled
 from palpate.experiment.dataset.register import LOG, Anchor, Kept
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER

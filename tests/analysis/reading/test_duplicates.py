@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.analysis.reading.dataset import read_pooled
+from palpate.analysis.reading.pooled import read_pooled
 from palpate.experiment.errors import DatasetError
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 from tests.approved import Refuses

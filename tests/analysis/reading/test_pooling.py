@@ -10,7 +10,8 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.analysis.analyse import analyse
 from palpate.analysis.identification.confusion import confusion
 from palpate.analysis.identification.results import compute
-from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.pooled import read_pooled
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report.sections import overview_section
 from palpate.experiment.dataset.bids import Origin

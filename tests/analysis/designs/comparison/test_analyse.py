@@ -15,7 +15,8 @@ from palpate.analysis.designs import check_design
 from palpate.analysis.designs.comparison import results
 from palpate.analysis.export import DICTIONARY, files
 from palpate.analysis.identification.confusion import confusion_of
-from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.pooled import read_pooled
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import software
 from tests.analysis.datasets import compared, trials, write_dataset

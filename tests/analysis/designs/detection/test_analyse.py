@@ -18,7 +18,8 @@ from palpate.analysis.analyse import Analysis, analyse
 from palpate.analysis.designs import detection
 from palpate.analysis.designs.detection import results
 from palpate.analysis.export import files
-from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.pooled import read_pooled
 from palpate.analysis.statistics.participants import mean
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.models import Levels
