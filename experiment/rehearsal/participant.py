@@ -30,14 +30,14 @@ LISTENS_NS = 600_000_000
 class SimulatedPerson(Console):
     """Implements `Console`, but for what a kind of trial asks of a participant: `says`.
 
-    `who` are the ids of participant and task, `entropy` names the random draws. Thinking and speaking take `clock`'s
-    time. `tick` follows each confirmed answer; `screen` shows what the experimenter would see. `box` are the
-    participant's buttons, if any.
+    `who` are the ids of participant and task, `entropy` names the random draws by seed, participant and task. Thinking
+    and speaking take `clock`'s time. `tick` follows each confirmed answer; `screen` shows what the experimenter would
+    see. `box` are the participant's buttons, if any.
     """
 
     protocol: Protocol
     who: tuple[str, str]
-    entropy: tuple[int, ...]
+    entropy: tuple[int, int, int]
     clock: Clock
     tick: Tick
     screen: Console | None
@@ -58,6 +58,11 @@ class SimulatedPerson(Console):
 
     def _rng(self, *keys: int) -> np.random.Generator:
         return np.random.default_rng([*self.entropy, *keys])
+
+    def _own_rng(self, *keys: int) -> np.random.Generator:
+        """Return what the participant's own touch is drawn from: the same in all tasks, as in the first."""
+        seed, participant, _ = self.entropy
+        return np.random.default_rng([seed, participant, 0, 0, *keys])
 
     def says(self, trial: int) -> tuple[str, str]:
         """Return the key of the participant's answer, and the words for it, once these are spoken."""

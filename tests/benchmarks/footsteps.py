@@ -3,8 +3,8 @@
 Of `profile.toml`, `ahead.toml` and `weight.toml`, from waveforms that a session would hand over. Each of `PEOPLE` is
 the observer of `palpate rehearse`, and feels each material of each task at `STEPS` speeds, evenly spaced by how often
 feet have them: how often each answer comes is known, and so what is true of these people. Participants of a study are
-drawn from them, another for each task, as in a rehearsal, or one for both; the second task is felt alike, or, planted,
-`SHARPER` times as sharply. Counts are drawn, and the analysis' own intervals and P computed.
+drawn from them, one for both tasks, as in a rehearsal; the second task is felt alike, or, planted, `SHARPER` times as
+sharply. Counts are drawn, and the analysis' own intervals and P computed.
 
 Of the share of right answers in either task, and of their difference: the true one, the mean over studies, and how
 often the 95 % interval holds the true one. `in power %`: how often a study's difference lies within the central 95 % of
@@ -135,11 +135,10 @@ def powered(protocol: Protocol, shares: Array, rng: np.random.Generator) -> tupl
     return one - other, float(np.mean(asked[1].p < asked[0].alpha))
 
 
-def studied(protocol: Protocol, shares: Array, *, one_observer: bool, rng: np.random.Generator) -> dict[str, Any]:
+def studied(protocol: Protocol, shares: Array, rng: np.random.Generator) -> dict[str, Any]:
     """Return what the analysis says of one study: shares with limits, their difference with limits, and P."""
     tasks, people = protocol.tasks, protocol.study.participants
-    who = rng.integers(len(shares), size=(people, 1 if one_observer else len(tasks)))
-    own = shares[who, np.arange(len(tasks))]
+    own = shares[rng.integers(len(shares), size=people)]
     counts = np.array([rng.multinomial(task.repetitions, own[:, t]) for t, task in enumerate(tasks)])
     right = np.moveaxis(np.diagonal(counts, axis1=2, axis2=3), 2, 1)
     trials = np.moveaxis(counts.sum(axis=-1), 2, 1)
@@ -155,12 +154,12 @@ def studied(protocol: Protocol, shares: Array, *, one_observer: bool, rng: np.ra
 
 
 HEAD = (
-    "study,observers,second task,studies,participants,first: true %,mean %,holds %,second: true %,mean %,holds %,"
+    "study,second task,studies,participants,first: true %,mean %,holds %,second: true %,mean %,holds %,"
     "difference: true %,mean %,SD %,holds %,in power %,P %,power %"
 )
 
 
-def row(name: str, felt: Array, studies: int, *, one_observer: bool, sharper: float) -> str:
+def row(name: str, felt: Array, studies: int, *, sharper: float) -> str:
     """Return the row of many studies."""
     protocol, rng = files.load(files.shipped(name)), np.random.default_rng(SEED)
     (alpha,) = (test.alpha for test in protocol.analysis if test.test == TEST)
@@ -169,7 +168,7 @@ def row(name: str, felt: Array, studies: int, *, one_observer: bool, sharper: fl
     true_gap = float(true[0] - true[1])
     differences, power = powered(protocol, shares, rng)
     low, high = np.quantile(differences, (0.025, 0.975))
-    found = [studied(protocol, shares, one_observer=one_observer, rng=rng) for _ in range(studies)]
+    found = [studied(protocol, shares, rng) for _ in range(studies)]
     cells: list[Any] = []
     for task, its in enumerate(true.tolist()):
         holds = [(one["limits"][task].low or 0.0) <= its <= (one["limits"][task].high or 1.0) for one in found]
@@ -178,9 +177,9 @@ def row(name: str, felt: Array, studies: int, *, one_observer: bool, sharper: fl
     holds = [one["gap_limits"].low <= true_gap <= one["gap_limits"].high for one in found]
     cells += [true_gap, gaps.mean(), gaps.std(ddof=1), np.mean(holds), np.mean((low <= gaps) & (gaps <= high))]
     cells += [np.mean([one["p"] < alpha for one in found]), power]
-    observers, second = "one" if one_observer else "two", "alike" if sharper == 1 else f"{sharper:g} times as sharp"
+    second = "alike" if sharper == 1 else f"{sharper:g} times as sharp"
     shown = (f"{100 * float(cell):.1f}" for cell in cells)
-    return ",".join((name, observers, second, str(studies), str(protocol.study.participants), *shown))
+    return ",".join((name, second, str(studies), str(protocol.study.participants), *shown))
 
 
 if __name__ == "__main__":
@@ -189,7 +188,6 @@ if __name__ == "__main__":
     print(HEAD)
     for study in STUDIES:
         felt = percepts(files.load(files.shipped(study)))
-        for alone in (False, True):
-            for sharper in (1.0, SHARPER):
-                print(row(study, felt, asked, one_observer=alone, sharper=sharper), flush=True)
+        for sharper in (1.0, SHARPER):
+            print(row(study, felt, asked, sharper=sharper), flush=True)
     print(f"{time.process_time() - start:.0f} s of the processor", file=sys.stderr)

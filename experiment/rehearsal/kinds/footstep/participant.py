@@ -231,8 +231,8 @@ class SimulatedParticipant(SimulatedPerson):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._observer = Observer(self.materials, tuple(m.id for m in self.protocol.materials), rng=self._rng(0))
-        self._observer.familiarise(rng=self._rng(0, 1))
+        self._observer = Observer(self.materials, tuple(m.id for m in self.protocol.materials), rng=self._own_rng())
+        self._observer.familiarise(rng=self._own_rng(1))
         self._under_foot: str | None = None
         self._attempt = 0
         self._lands_later = False

@@ -105,7 +105,7 @@ class Presentee(SimulatedPerson):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        rng, stimuli = self._rng(0), rendered(self.protocol, self.rate_hz)
+        rng, stimuli = self._own_rng(), rendered(self.protocol, self.rate_hz)
         feelings = [feeling(stimuli[one.id].waveform_m_s2, self.rate_hz) for one in self.protocol.materials]
         self._observer = Observer([_blurred(one, rng) for one in feelings])
 

@@ -87,7 +87,7 @@ class SimulatedTapper(SimulatedPerson):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        rng = self._rng(0)
+        rng = self._own_rng()
         self._discrimination = DISCRIMINATION * float(np.exp(SPREAD * rng.normal()))
         self._leaning = LEANING * float(rng.normal())
         names = [material.id for material in self.protocol.materials]

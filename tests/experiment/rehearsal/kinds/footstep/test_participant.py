@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections import deque
 
+import numpy as np
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
@@ -17,6 +18,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.rehearsal.clock import ManualClock
+from palpate.experiment.rehearsal.kinds.footstep import participant as footstep
 from palpate.experiment.rehearsal.kinds.footstep.participant import MOST_RESTS, SimulatedParticipant
 from palpate.experiment.rehearsal.kinds.footstep.recorded_takes import SimulatedMaterials
 from palpate.experiment.rehearsal.practice import Guided, Practised
@@ -35,7 +37,7 @@ class Resting(Foot):
         self.rests += 1
 
 
-def participant(foot: Foot) -> SimulatedParticipant:
+def participant(foot: Foot, entropy: tuple[int, int, int] = (1, 1, 0)) -> SimulatedParticipant:
     protocol = files.load(shipped("okamoto2012.toml"))
     return SimulatedParticipant(
         protocol=protocol,
@@ -43,7 +45,7 @@ def participant(foot: Foot) -> SimulatedParticipant:
             protocol.table(Footstep).synthesis.rate_hz, protocol.table(Footstep).synthesis.samples
         ),
         who=("01", "real"),
-        entropy=(1, 1, 0),
+        entropy=entropy,
         foot=foot,
         powered_ns=0,
         panel=None,
@@ -53,6 +55,25 @@ def participant(foot: Foot) -> SimulatedParticipant:
         tick=lambda: None,
         screen=None,
     )
+
+
+def test_one_observer_does_all_tasks_of_a_participant_and_no_other_participants(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn: list[tuple[float, float]] = []
+
+    class Observer:
+        def __init__(self, *_: object, rng: np.random.Generator) -> None:
+            self.touch = rng.random()
+
+        def familiarise(self, *, rng: np.random.Generator) -> None:
+            drawn.append((self.touch, rng.random()))
+
+    monkeypatch.setattr(footstep, "Observer", Observer)
+    for entropy in ((1, 1, 0), (1, 1, 1), (1, 2, 0), (1, 2, 1), (2, 1, 0), (2, 1, 1)):
+        participant(Resting(), entropy)
+    assert drawn[::2] == drawn[1::2]
+    assert len({number for one in drawn for number in one}) == 6
 
 
 def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing(refuses: Refuses) -> None:
