@@ -73,6 +73,10 @@ def doctor(
     recordings: Annotated[
         Path | None, typer.Option("--recordings", help="Folder of recordings, for --protocol [default: the dataset's].")
     ] = None,
+    compare_panel: Annotated[
+        bool,
+        typer.Option("--compare-panel", help="Compare the panel with its measurement too, which shakes it for 4 s."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Check a rig before a session.
@@ -93,10 +97,16 @@ def doctor(
     options.at_once("The checks take 5 to 15 s. Each is shown as soon as it has ended.")
     # A check of its own is red for a rig file that cannot be used.
     with suppress(RigError):
-        if (audio := rigs.load(rig).audio) is not None and audio.channels.loopback is not None:
-            typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
+        audio = rigs.load(rig).audio
+        if compare_panel or (audio is not None and audio.channels.loopback is not None):
+            typer.echo("Keep feet and hands off the panel: these checks move it.", err=True)
     examined = doctors.examine(
-        rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
+        rig_path=rig,
+        protocol_path=protocol,
+        root=dataset,
+        clock=MonotonicClock(),
+        simulate=simulated_far_ends,
+        may_move=compare_panel,
     )
     report = Report(rig)
     for check in chain(examined, omissions(rig, protocol, dataset, recordings)):

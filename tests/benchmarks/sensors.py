@@ -174,6 +174,13 @@ class Dead(Memory):
         return Window(np.full_like(super().heard_since_armed().samples_m_s2, 0.5), 0)
 
 
+class UpsideDown(Memory):
+    """The sensor was turned over since the panel was measured."""
+
+    def heard_since_armed(self) -> Window:
+        return Window(-super().heard_since_armed().samples_m_s2, 0)
+
+
 def refused_before_a_session(modes: Modes, kind: type[Memory], times: int) -> int:
     """How often a session with such a sensor is refused or warned of."""
     rng, found = np.random.default_rng(7), 0
@@ -201,7 +208,8 @@ def main() -> None:
         by = ", ".join(sorted({str(each[0]) for each in red if each}))
         print(f"| {name} | doctor{f': {by}' if by else ''} | {sum(map(bool, red))} of {times} |", flush=True)
     modes = read(shipped("rigs/rehearsal-panel.toml"))
-    for label, kind in (("no fault", Memory), ("beside", Beside), ("on another panel", Elsewhere), ("dead", Dead)):
+    kinds = {"no fault": Memory, "beside": Beside, "on another panel": Elsewhere, "dead": Dead}
+    for label, kind in {**kinds, "upside down": UpsideDown}.items():
         found_before = refused_before_a_session(modes, kind, times)
         print(f"| sensor: {label} | comparison before a session | {found_before} of {times} |", flush=True)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.doctor import sensor
 from palpate.experiment.apparatus.panel import calibration, drift
 from palpate.experiment.apparatus.panel.calibration import Devices
 from palpate.experiment.apparatus.rig import Rig
@@ -18,7 +19,7 @@ from palpate.experiment.desk.questions import NO, YES, Agree, Reply
 from palpate.experiment.errors import Finding, Interrupted, RecordingError, RigError
 from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.bench import Bench
-from palpate.experiment.rehearsal.wires.modes import Modes
+from palpate.experiment.rehearsal.wires.modes import Mode, Modes
 from tests.benchmarks.drift import drifted, verdicts
 from tests.experiment.session.scripted import ScriptedConsole
 from tests.rig.test_panel_calibration import ONE_MODE, RIG, AtRest, Dead, Shaken, laid_out
@@ -129,6 +130,44 @@ def test_a_sensor_that_hears_nothing_passes_no_panel(
     lay_out(monkeypatch, kind)
     with pytest.raises((RecordingError, RigError)):
         drift.compare_panel(rig_file, rig)
+
+
+@pytest.mark.parametrize(("db", "verdict"), [(0.0, "passes"), (1.5, "refuses"), (3.5, "refuses")])
+def test_doctor_compares_a_panel_that_may_move(
+    monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig, db: float, verdict: str
+) -> None:
+    """A load that a session would warn of is red; in a rehearsal nothing moves."""
+    allowed = lay_out(monkeypatch, modes=drifted(ONE_MODE, db))
+    real = rig.model_copy(update={"rig": rig.rig.model_copy(update={"simulated": False})})
+    away = real.model_copy(update={"accelerometer": None})
+    nowhere = [*sensor.load(rig_file, real, may_move=False)]
+    nowhere += [one for still in (rig, away) for one in sensor.load(rig_file, still, may_move=True)]
+    assert [one.verdict for one in nowhere] == ["unknown"] * 3
+    assert (f"{nowhere[0].remedy}".endswith("--compare-panel"), allowed) == (True, [])
+    (found,) = sensor.load(rig_file, real, may_move=True)
+    assert (found.check, found.verdict, allowed) == ("panel's load", verdict, [0.05])
+
+
+def test_doctor_compares_no_panel_that_nobody_measured() -> None:
+    assert list(sensor.load(RIG, rigs.load(RIG), may_move=True)) == []
+
+
+def test_a_sensor_upside_down_beside_its_measurement_is_refused(
+    monkeypatch: pytest.MonkeyPatch, rig_file: Path
+) -> None:
+    """By its phases, for its levels are the same."""
+    down = ONE_MODE.model_copy(update={"modes": tuple(_turned(one) for one in ONE_MODE.modes)})
+    lay_out(monkeypatch, modes=down)
+    with pytest.raises(RecordingError) as refused:
+        drift.compare_panel(rig_file, rigs.load(rig_file))
+    assert "upside" in refused.value.finding.what
+    with laid_out(modes=down) as devices:
+        made = calibration.measure(devices, loudest=0.2, seed=3)
+    assert made.found.upright < -0.9
+
+
+def _turned(mode: Mode) -> Mode:
+    return mode.model_copy(update={"part": -mode.part})
 
 
 def test_the_panel_moves_once_nobody_is_on_it(monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig) -> None:

@@ -50,12 +50,18 @@ Simulate = Callable[[Rig, ExitStack], SimulatedPorts]
 
 
 def examine(
-    *, rig_path: Path, protocol_path: Path | None, root: Path | None, clock: Clock, simulate: Simulate
+    *,
+    rig_path: Path,
+    protocol_path: Path | None,
+    root: Path | None,
+    clock: Clock,
+    simulate: Simulate,
+    may_move: bool = False,
 ) -> Iterator[Finding]:
     """Yield a check of everything, in order of dependence; `ProtocolError` for an unusable protocol.
 
     Without a protocol only the rig matters. `root` None is the protocol's own dataset, or `participants`. The session's
-    clock must go by itself.
+    clock must go by itself. If the panel `may_move`, it is compared with its measurement.
     """
     begun = checks.mark(clock)
     protocol = files.load(protocol_path) if protocol_path is not None else None
@@ -77,6 +83,10 @@ def examine(
         for check in _devices(rig, protocol, clock, simulate) if rig is not None else ():
             simulated = ": ".join(part for part in ("SIMULATED", check.place()) if part)
             yield replace(check, where=simulated) if rig and rig.rig.simulated else check
+        if rig is not None and rig.actuator.measured is not None:
+            from palpate.experiment.apparatus.doctor import sensor
+
+            yield from sensor.load(rig_path, rig, may_move=may_move)
         yield checks.writing(folder, clock)
         yield from checks.privacy(folder)
         yield checks.resolution(clock)

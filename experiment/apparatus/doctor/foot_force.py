@@ -34,12 +34,13 @@ def age(rig: Rig, force: ForceRig, today: date) -> Finding:
     name, days = "foot force age", tracker_of(rig).calibration_days
     if rig.rig.simulated:
         return unchecked(name, "calibrations of a simulated rig do not age")
-    old = (today - force.calibrated_on).days
     if days is None:
-        reason = f"{old} days old, and tracker.calibration_days is not in the rig file"
-        return unchecked(name, reason, Remedy("run {}, which writes it", zeroing.CALIBRATE))
-    anew = "read the sensor again with nothing and with known weights on the panel, and write the day into the rig file"
-    return judged(name, 0 <= old <= days, f"{old} days old", allowed=f"0 to {days} days", remedy=anew)
+        return unchecked(name, "tracker.calibration_days is not in the rig file", Remedy("run {}", zeroing.CALIBRATE))
+    try:
+        foot_force.check_age(rig, today)
+    except RigError as error:
+        return refused(name, error)
+    return passed(name, f"{(today - force.calibrated_on).days} days old", f"0 to {days} days")
 
 
 def at_rest(raw: bytes, tracker: TrackerRig) -> Finding:

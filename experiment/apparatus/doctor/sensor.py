@@ -1,19 +1,22 @@
 """Checks of the accelerometer, with nobody on the panel: that a sensor answers at its address, lives, and is at rest.
 
-Whether it lies on the panel that the actuator moves is heard only where that moves: `palpate calibrate actuator` and
-the comparison before a session (`panel/drift.py`) refuse a sensor that does not hear it.
+Whether it lies on the panel that the actuator moves, and what else does, is heard only where that moves: `palpate
+calibrate actuator` and the comparison with it (`panel/drift.py`), before a session or asked for, refuse what they find.
 """
 
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from palpate.experiment.apparatus.doctor.checks import judged, passed, refused
+from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
+from palpate.experiment.apparatus.panel import drift
 from palpate.experiment.apparatus.panel.accelerometer import Window, listener
 from palpate.experiment.apparatus.rig import AccelerometerRig, Rig
 from palpate.experiment.clock import Clock
-from palpate.experiment.errors import Finding, RecordingError
+from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy
 
 LISTEN_S = 1.0
 """How long the sensor is listened to, s."""
@@ -23,6 +26,35 @@ RATE_PART = 0.2
 
 QUIETEST = 1e-9
 """A part of full scale: less than a last bit of 24 is no sensor's noise."""
+
+
+LOAD = "panel's load"
+"""The name of the comparison of a panel with its measurement."""
+
+
+def load(rig_file: Path, rig: Rig, *, may_move: bool) -> Iterator[Finding]:
+    """Yield whether the panel moves as it was measured, if it may; nothing of a rig whose panel nobody measured.
+
+    A difference that a session warns of is red.
+    """
+    if (measured := rig.actuator.measured) is None:
+        return
+    if not drift.is_heard(rig):
+        told = f"no accelerometer stays on the panel, which was measured with {measured.load} on it"
+        yield unchecked(LOAD, told, "see that nothing else lies on it")
+    elif rig.rig.simulated:
+        yield unchecked(LOAD, "a rehearsal's panel moves in rehearsals alone")
+    elif not may_move:
+        told = f"nothing moved the panel, which was measured with {measured.load} on it"
+        again = ("palpate", "doctor", "--rig", f"{rig_file}", "--compare-panel")
+        yield unchecked(LOAD, told, Remedy("with nobody on the panel, run {}", again))
+    else:
+        try:
+            found, _ = drift.compare_panel(rig_file, rig)
+        except PalpateError as error:
+            yield refused(LOAD, error)
+        else:
+            yield replace(found, verdict="passes" if found.verdict == "passes" else "refuses", check=LOAD)
 
 
 def checks(rig: Rig, settings: AccelerometerRig, address: str | None, *, clock: Clock) -> Iterator[Finding]:

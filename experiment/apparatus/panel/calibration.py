@@ -112,6 +112,16 @@ class Calibration:
         """By how much less the panel moved at the loudest level than a small drive has it move, dB."""
         return -20 * float(np.log10(np.mean(self.found.gains[-2:])))
 
+    @property
+    def polarity(self) -> str:
+        """Which way the panel moves, in words: by the sensor alone nobody can tell which of two is turned."""
+        if abs(self.found.upright) < UNHEARD:
+            return "which way a positive sample moves the panel is not clear"
+        if self.found.upright > 0:
+            return "a positive sample moves the panel along the sensor's axis"
+        turned = "the sensor lies upside down, or the actuator's wires are exchanged"
+        return f"a positive sample moves the panel against the sensor's axis: {turned}"
+
 
 @dataclass(frozen=True)
 class Devices:
@@ -258,6 +268,7 @@ def write(rig_file: Path, out: Path, made: Calibration, *, load: str, today: dat
         f"Rig {rig.rig.name}, measured on {today} with {load} on the panel.",
         "Acceleration of a sample of 1.0, for a small drive, as palpate calibrate actuator estimates it.",
         "Any delay is taken out, for player and sensor share no clock.",
+        made.polarity.capitalize() + ".",
         f"Clocks differ by {found.drift_ppm:.2f} ppm. {made.seconds} s at each level count.",
     )
     table, content = table_beside(out), measured.table(found, remarks)
@@ -332,5 +343,6 @@ def report(made: Calibration) -> list[str]:
         f"Usable band   {figures.low_hz:g} to {figures.high_hz:g} Hz, within {measured.FLAT_DB / 2:g} dB",
         *(f"Resonance     {one.hz:.1f} Hz, standard error {one.standard_error_hz:.1g}" for one in figures.resonances),
         f"Gain          {gains}",
+        f"Polarity      {made.polarity}",
         f"Clocks        differ by {found.drift_ppm:.1f} ppm; {made.seconds} s at each level count",
     ]

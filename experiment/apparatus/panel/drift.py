@@ -69,7 +69,8 @@ def compare(
 ) -> tuple[Drift, ...]:
     """Return the drift of each third octave, measured a second time for longer if any is too uncertain.
 
-    Raises `RecordingError` if it is uncertain then too, and for a sensor that is dead, clips or hears something else.
+    Raises `RecordingError` if it is uncertain then too, and for a sensor that is dead, clips, hears something else or
+    lies upside down.
     """
     lines_hz = reference.lines_hz
     amplitudes = peak * multisine.drawn(lines_hz, rate_hz=on.played_hz, rng=rng)
@@ -78,8 +79,12 @@ def compare(
         heard = calibration.heard(on, amplitudes, lines_hz, seconds)
         mean = multisine.without_drift(heard, lines_hz).mean(axis=0)
         alike = multisine.agreement(mean[felt], (amplitudes * reference.response_m_s2)[felt], lines_hz[felt])
-        if alike < calibration.UNHEARD:
-            raise calibration.unheard(alike)
+        if abs(alike) < calibration.UNHEARD:
+            raise calibration.unheard(abs(alike))
+        if alike < 0:
+            what = "the sensor hears the panel upside down, beside its measurement"
+            remedy = "mount the sensor as it was, and see that the actuator's two wires are not exchanged"
+            raise calibration.refusal(what, remedy)
         found = tuple(drifts(amplitudes, heard, reference, gain=expected_gain(measured, peak)))
         worst = max(found, key=lambda one: one.standard_error_db)
         if worst.standard_error_db <= UNCERTAIN_DB:

@@ -113,6 +113,15 @@ class Estimate:
     drift_ppm: float
 
     @property
+    def upright(self) -> float:
+        """How well its phases are the least ones of a causal panel, as `agreement` has it; negative upside down.
+
+        Then the sensor lies so, or the actuator's wires are exchanged: nothing that moves the panel tells which.
+        """
+        crossed = _beside_least_phase(self.response_m_s2, self.coherence, self.lines_hz)
+        return 0.0 if crossed is None else _alike(crossed, self.lines_hz)
+
+    @property
     def standard_error_db(self) -> NDArray[np.float64]:
         """Of the response's level, dB; of its phase it is 6.6 degrees for each dB."""
         return np.asarray(20 / np.log(10) * self.standard_error_m_s2 / np.abs(self.response_m_s2))
@@ -161,11 +170,16 @@ def without_drift(heard: NDArray[np.complex128], lines_hz: NDArray[np.int64]) ->
 def agreement(heard: NDArray[np.complex128], expected: NDArray[np.complex128], lines_hz: NDArray[np.int64]) -> float:
     """Return how well phases of what was heard are those of lines that were expected, shape (K,), after one delay.
 
-    1 is all of them, and strange phases have less than 0.3 of two hundred lines.
+    1 is all of them, -1 all upside down, and strange phases have less than 0.3 of two hundred lines in magnitude.
     """
-    crossed = heard * expected.conj()
+    return _alike(heard * expected.conj(), lines_hz)
+
+
+def _alike(crossed: NDArray[np.complex128], lines_hz: NDArray[np.int64]) -> float:
+    """Return the mean of what lines are turned by beside others, after one delay; lines of 0 do not count."""
     turned = crossed / np.maximum(np.abs(crossed), np.finfo(float).tiny)
-    return float(np.abs(np.mean(turned * _later(lines_hz, _delay_s(turned, lines_hz)))))
+    left = (turned * _later(lines_hz, _delay_s(turned, lines_hz))).sum() / np.count_nonzero(turned)
+    return float(np.copysign(np.abs(left), left.real))
 
 
 def _without_drift(
@@ -212,13 +226,21 @@ def _own_delay_s(
     response: NDArray[np.complex128], coherence: NDArray[np.float64], lines_hz: NDArray[np.int64]
 ) -> float:
     """Return the delay, s, that a response has beside the least phase that its magnitudes leave."""
+    crossed = _beside_least_phase(response, coherence, lines_hz)
+    return 0.0 if crossed is None else _delay_s(crossed, lines_hz)
+
+
+def _beside_least_phase(
+    response: NDArray[np.complex128], coherence: NDArray[np.float64], lines_hz: NDArray[np.int64]
+) -> NDArray[np.complex128] | None:
+    """Return what each clear line is turned by beside the least phase, 0 for others; None where too few are clear."""
     clear = coherence >= COHERENT
     if clear.sum() < 2:
-        return 0.0
+        return None
     least = minimum_phase(lines_hz[clear], np.abs(response[clear]))
     crossed = np.zeros(lines_hz.size, np.complex128)
     crossed[clear] = np.exp(1j * (np.angle(response[clear]) - least))
-    return _delay_s(crossed, lines_hz)
+    return crossed
 
 
 def minimum_phase(frequencies_hz: NDArray[np.int64], magnitudes: NDArray[np.float64]) -> NDArray[np.float64]:

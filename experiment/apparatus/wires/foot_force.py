@@ -4,6 +4,8 @@
 the foot in the air, is the panel's own weight and the sensor's drift, and counts as zero of this step.
 """
 
+from datetime import date
+
 import numpy as np
 
 from palpate.experiment.apparatus.rig import Rig, needed, tracker_of
@@ -33,6 +35,24 @@ def check(rig: Rig) -> None:
     """Raise `RigError` for a rig without a sensor of the force."""
     remedy = "add sensor, calibration and calibrated_on to the rig file, once the tracker's board reads the sensor"
     needed(rig, "tracker.force", tracker_of(rig).force, remedy, "because the protocol records the force of the foot")
+
+
+ANEW = "read the sensor again with nothing and with known weights on the panel, and write the day into the rig file"
+"""How a calibration is made anew."""
+
+
+def check_age(rig: Rig, today: date) -> None:
+    """Raise `RigError` for a real rig whose sensor was calibrated too long ago, or in the future.
+
+    That holds for as many days as the calibration of the heights, which `zeroing.check_age` asks for.
+    """
+    tracker = tracker_of(rig)
+    if rig.rig.simulated or tracker.force is None or tracker.calibration_days is None:
+        return
+    made, days = tracker.force.calibrated_on, tracker.calibration_days
+    if not 0 <= (today - made).days <= days:
+        where, allowed = f"rig '{rig.rig.name}': tracker.force.calibrated_on", f"0 to {days} days before {today}"
+        raise RigError(where, f"got {made}", ANEW, allowed=allowed)
 
 
 def pressed(raw: bytes, tracker: TrackerRig, gate_top_us: float, contact_us: float) -> Pressed:

@@ -492,6 +492,8 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
     rigs.check(rig, protocol.table(Footstep).step)
     check_force(rig, protocol)
     zeroing.check_age(rig, today)
+    if protocol.table(Footstep).force:
+        import_module(FORCE).check_age(rig, today)
 
 
 def check_force(rig: Rig, protocol: Protocol) -> None:

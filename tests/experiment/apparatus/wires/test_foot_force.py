@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+from contextlib import nullcontext
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +29,7 @@ from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.tracker import Pressed
 from palpate.experiment.rehearsal import study
 from palpate.experiment.rehearsal.wires.foot import Foot
-from palpate.experiment.session.kinds.footstep.trials import check_force
+from palpate.experiment.session.kinds.footstep.trials import KIND, check_force
 from palpate.experiment.settings import load as settings
 from tests.experiment.rehearsal.wires.test_foot import Recorder
 
@@ -98,6 +100,35 @@ def test_the_force_is_measured_where_the_protocol_records_it_and_nowhere_else(fo
     check_force(agrees, states)
     with pytest.raises(RigError):
         check_force(differs, states)
+
+
+@pytest.mark.parametrize(("days", "counts"), [(-1, False), (0, True), (30, True), (31, False)])
+def test_no_session_records_a_force_whose_calibration_is_out_of_date(days: int, counts: bool) -> None:
+    """As that of the heights, which is of the same day here; a simulated rig does not age."""
+    sensor = TRACKER.force
+    assert sensor is not None
+    protocol, today = files.load(shipped("weight.toml")), sensor.calibrated_on + timedelta(days)
+    dated = TRACKER.model_copy(update={"calibrated_on": today, "calibration_days": 30})
+    real = RIG.rig.model_copy(update={"simulated": False})
+    KIND.check_rig(protocol, RIG, today)
+    with nullcontext() if counts else pytest.raises(RigError) as refused:
+        KIND.check_rig(protocol, RIG.model_copy(update={"rig": real, "tracker": dated}), today)
+    if refused is not None:
+        assert f"{refused.value.finding.where}".endswith("force.calibrated_on")
+
+
+def test_what_a_rig_that_measures_a_force_is_told_to_do_works() -> None:
+    """Either the protocol records it, or table and second reading go."""
+    weight, steps = (files.load(shipped(name)) for name in ("weight.toml", "okamoto2012.toml"))
+    footstep = steps.table(Footstep)
+    with pytest.raises(RigError):
+        check_force(RIG, steps)
+    check_force(RIG, steps.model_copy(update={"footstep": footstep.model_copy(update={"force": True})}))
+    alone = TRACKER.model_copy(update={"force": None})
+    check_force(RIG.model_copy(update={"tracker": alone}), steps)
+    assert (alone.readings, TRACKER.readings) == (1, 2)
+    with pytest.raises(RigError):
+        check_force(RIG.model_copy(update={"tracker": alone}), weight)
 
 
 def points(*pairs: tuple[int, float], of: str = "n") -> tuple[dict[str, float], ...]:
