@@ -5,7 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from palpate.experiment.apparatus.servo.observer import QUANTUM_SD, observer_of
+from palpate.experiment.apparatus.servo.observer import QUANTUM_SD
+from palpate.experiment.apparatus.servo.passivity import follower
 from palpate.experiment.errors import Finding, RigError
 from palpate.experiment.synthesis.contact.force import ForceBudget, Loop
 
@@ -53,7 +54,7 @@ def force_budget(virtual: Tapping, device: ServoRig, tracker: TrackerRig, *, lim
     None where nothing is known of the mass of its tip, for a block that gives way or has crossovers, and for one
     without stiffness, which asks for nothing of a hand at rest.
     """
-    observer, alone = observer_of(virtual, device, tracker), virtual.mass_kg is not None or not virtual.stiffness_n_m
+    observer, alone = follower(virtual, device, tracker), virtual.mass_kg is not None or not virtual.stiffness_n_m
     if observer is None or device.tip_mass_kg is None or alone:
         return None
     count_m = 1e-3 * max(abs((b.mm - a.mm) / (b.counts - a.counts)) for a, b in pairwise(tracker.calibration))

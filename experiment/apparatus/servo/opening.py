@@ -7,7 +7,7 @@ from typing import cast
 from palpate.experiment.apparatus.opening import open_tracker, simulated_only
 from palpate.experiment.apparatus.rig import REHEARSAL, Rig, needed, tracker_of
 from palpate.experiment.apparatus.servo.link import Servo, ServoHere, ServoProcess
-from palpate.experiment.apparatus.servo.observer import observer_of
+from palpate.experiment.apparatus.servo.passivity import follower
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
@@ -56,7 +56,7 @@ def open_servo(
         raise RigError(
             f"rig '{rig.rig.name}'", f"got '{tracker.driver}'", remedy, allowed=FRAMES, field="tracker.driver"
         )
-    along, observer = tracker.along_calibration or (), observer_of(virtual, device, tracker)
+    along, observer = tracker.along_calibration or (), follower(virtual, device, tracker)
     orders = Orders(
         port=hand,
         baud=tracker.baud,

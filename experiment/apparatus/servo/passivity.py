@@ -56,29 +56,66 @@ def needed_damping_n_s_m(
     return passive_from_n_s_m(answers, period_s=period_s, delay_s=delay_s, samples=samples)
 
 
-def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[bool, str]:
-    """Return whether a device may render a protocol's block, and in sentences what damping that takes, and why."""
+HALVINGS = 12
+"""So often the range of a damping is halved to find what a device bears."""
+
+
+def follower(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> Observer | None:
+    """Return what tells the servo where its hand is; None for the difference of two samples.
+
+    That is so, too, where it alone is passive: an observer's lag asks a block with little damping for more.
+    """
+    observer = observer_of(virtual, device, tracker)
+    lags = observer is not None and not _suffices(virtual, device, tracker, observer)
+    return None if lags and _suffices(virtual, device, tracker, None) else observer
+
+
+def bearable_n_s_m(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> float:
+    """Return a damping C, N s/m, up to a block's own, with which a device bears the block; 0 where none was found."""
+    low, high = 0.0, virtual.damping_n_s_m
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        block = virtual.model_copy(update={"damping_n_s_m": middle})
+        fits = _suffices(block, device, tracker, follower(block, device, tracker))
+        low, high = (middle, high) if fits else (low, middle)
+    return low
+
+
+def _suffices(virtual: Tapping, device: ServoRig, tracker: TrackerRig, observer: Observer | None) -> bool:
+    if observer is not None and observer.mass_kg < least_kg(virtual, tracker):
+        return False
+    return _needed(virtual, device, tracker, observer)[0] <= device.borne_n_s_m
+
+
+def _needed(virtual: Tapping, device: ServoRig, tracker: TrackerRig, observer: Observer | None) -> tuple[float, float]:
+    """Return the damping that a block needs, N s/m, and the crossover that asks for it, Hz."""
     k, c, samples = virtual.stiffness_n_m, virtual.damping_n_s_m, ceil(tracker.rate_hz / (NEARLY * virtual.rate_hz))
     delay_s = device.delay_ms / 1e3
     if (longer_s := 1 / virtual.rate_hz - samples / tracker.rate_hz) > 0:
         # So much longer a force is held, and the sample behind it has any age within a period.
         delay_s += longer_s + 0.5 / tracker.rate_hz
-    observer = observer_of(virtual, device, tracker)
+    if observer is None:
+        period_s = 1 / min(virtual.rate_hz, tracker.rate_hz)
+        given = {"stiffness_n_m": k, "damping_n_s_m": c, "period_s": period_s, "delay_s": delay_s}
+        return max((differences(**given, crossover_hz=hz), hz) for hz in virtual.crossovers_hz or (inf,))
+    needed = needed_damping_n_s_m(observer, stiffness_n_m=k, damping_n_s_m=c, delay_s=delay_s, samples=samples)
+    return needed, inf
+
+
+def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[bool, str]:
+    """Return whether a device may render a protocol's block, and in sentences what damping that takes, and why."""
+    k, c, observer = virtual.stiffness_n_m, virtual.damping_n_s_m, follower(virtual, device, tracker)
     block = f"The block has {k:g} N/m and {c:g} N s/m at {virtual.rate_hz} Hz, with forces {device.delay_ms:g} ms late"
     has = f"this one has {device.damping_n_s_m:g} N s/m"
     if device.hand_damping_n_s_m:
         has += f", and {device.hand_damping_n_s_m:g} N s/m are counted on from the hand ({device.hand_damping_source})"
+    if observer is not None and observer.mass_kg < (least := least_kg(virtual, tracker)):
+        return False, f"{block}; it trembles on less than {least:g} kg, and the device has {observer.mass_kg:g} kg."
+    needed, worst_hz = _needed(virtual, device, tracker, observer)
     if observer is None:
-        period_s = 1 / min(virtual.rate_hz, tracker.rate_hz)
-        given = {"stiffness_n_m": k, "damping_n_s_m": c, "period_s": period_s, "delay_s": delay_s}
-        crossovers = virtual.crossovers_hz or (inf,)
-        needed, worst_hz = max((differences(**given, crossover_hz=hz), hz) for hz in crossovers)
         speed = "; the hand's speed is the difference of two samples"
         speed += f"; the crossover at {worst_hz:g} Hz asks for most" if virtual.crossovers_hz else ""
     else:
-        if observer.mass_kg < (least := least_kg(virtual, tracker)):
-            return False, f"{block}; it trembles on less than {least:g} kg, and the device has {observer.mass_kg:g} kg."
-        needed = needed_damping_n_s_m(observer, stiffness_n_m=k, damping_n_s_m=c, delay_s=delay_s, samples=samples)
         speed = f"; the servo is told the force that it sent, and a mass of {observer.mass_kg:g} kg"
     fits = needed <= device.borne_n_s_m
     told = f"{block}{speed}: that is passive on a device with {needed:.4g} N s/m of its own, and {has}."
@@ -100,9 +137,11 @@ def refuse_beyond(virtual: Tapping, device: ServoRig, tracker: TrackerRig, *, ri
     fits, why = judged(virtual, device, tracker)
     if not fits:
         weigh = "Weigh the device's tip (servo.tip_mass_kg), or take " if device.tip_mass_kg is None else "Take "
+        lowered = bearable_n_s_m(virtual, device, tracker)
+        less = f"less damping (it bears {lowered:.3g} N s/m)" if lowered else "less damping"
         raise RigError(
             f"rig '{rig}'",
             "got a block that may give energy to the hand",
-            allowed=f"a passive one. {why} {weigh}a softer block, less damping, a faster servo, or a device with more "
+            allowed=f"a passive one. {why} {weigh}a softer block, {less}, a faster servo, or a device with more "
             "damping of its own",
         )

@@ -21,8 +21,8 @@ from scipy.linalg import expm
 
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.servo import rendering
-from palpate.experiment.apparatus.servo.observer import observer_of
 from palpate.experiment.apparatus.servo.opening import servo_of
+from palpate.experiment.apparatus.servo.passivity import follower
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE, Rendered, bounded
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.protocol.kinds.tapping import Tapping
@@ -68,7 +68,7 @@ def device_of(protocol: Protocol, rig: Rig) -> Device:
     return Device(
         tracker,
         max(blocks(virtual, tracker_hz=tracker.rate_hz).values(), key=lambda one: one.crossover_hz),
-        observer_of(virtual, servo, tracker),
+        follower(virtual, servo, tracker),
         limit_n(protocol, rig),
         servo.tip_mass_kg or TIP_KG,
         servo.damping_n_s_m,

@@ -144,6 +144,24 @@ def test_a_device_of_five_bears_the_papers_block_alone_and_one_of_one_with_a_fin
     assert not bears(damping_n_s_m=0.1, tip_mass_kg=0.1, **FINGER)
 
 
+def test_a_block_with_little_damping_is_followed_by_differences_where_an_observers_lag_asks_for_more() -> None:
+    """K T / 2 + C = 0.9 N s/m, and 3.7 behind the observer; that stays where it is passive too."""
+    little = PAPER.model_copy(update={"damping_n_s_m": 0.4})
+    weighed = [device(damping_n_s_m=n_s_m, tip_mass_kg=0.1) for n_s_m in (0.89, 0.91, 5.0)]
+    assert [passivity.judged(little, one, TRACKER)[0] for one in weighed] == [False, True, True]
+    assert [passivity.follower(little, one, TRACKER) is None for one in weighed] == [False, True, False]
+    assert passivity.follower(PAPER, weighed[-1], TRACKER) is not None
+
+
+def test_the_damping_that_a_device_bears_is_what_its_own_leaves_beside_the_spring() -> None:
+    """With C lowered by the bound b - K T / 2, or K T / 2 and less."""
+    found = [
+        passivity.bearable_n_s_m(PAPER, device(damping_n_s_m=b, tip_mass_kg=kg), TRACKER)
+        for b, kg in ((0.1, 0.1), (1.0, 0.1), (1.0, 0.02), (5.0, 0.02))
+    ]
+    assert found == pytest.approx([0.0, 0.5, 0.5, 4.5], abs=100 / 2**passivity.HALVINGS)
+
+
 def test_a_tracker_that_is_faster_than_the_servo_asks_for_more_and_a_slower_one_too() -> None:
     """Each force is held for two samples of 5 kHz; at 1 kHz it is held for a whole ms: K T / 2 are 1.25 N s/m."""
     fast, slow = (TRACKER.model_copy(update={"rate_hz": rate_hz}) for rate_hz in (5000, 1000))
