@@ -270,10 +270,15 @@ def spent_ns(contents: Contents) -> int:
     return sum(_footer_ns(lines, lines[-1].t_ns + KILLED_NS) - lines[0].t_ns for lines in _runners(contents))
 
 
-def ended_ns(contents: Contents) -> int:
-    """Return the session time at which a session that has begun ended last, by its footer or its last line, ns."""
-    last = _runners(contents)[-1]
-    return _footer_ns(last, last[-1].t_ns)
+def since_ended_ns(contents: Contents, clock: Clock) -> int:
+    """Return how long ago a session that has begun ended last, by its footer or its last line, ns.
+
+    The machine's uptime tells it. After a restart of the machine its clock does, and one that went back tells 0.
+    """
+    last, today = _runners(contents)[-1], clock.uptime()
+    ended_ns = _footer_ns(last, last[-1].t_ns)
+    up_ns = [up_ns + ended_ns - t_ns for boot, up_ns, t_ns in _uptimes(last) if today and boot == today.boot]
+    return today.ns - up_ns[-1] if today and up_ns else max(clock.now_ns() - ended_ns, 0)
 
 
 def _footer_ns(lines: Sequence[Line], otherwise_ns: int) -> int:

@@ -471,7 +471,7 @@ def _wait_for_break(
         before = journal.read_if_begun(path)
         if other == task_id or not before.lines:
             continue
-        left_ns = exposure.ended_ns(before) + int(protocol.task_order.break_min_s * 1e9) - clock.now_ns()
+        left_ns = int(protocol.task_order.break_min_s * 1e9) - exposure.since_ended_ns(before, clock)
         if left_ns > 0:
             why = f"The break after task {other} lasts {minutes(protocol.task_order.break_min_s)} at least."
             console.attend(remarks.paused(root, before.header.participant, (), other, clock))

@@ -40,7 +40,16 @@ from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import exposure
-from palpate.experiment.session.exposure import EVERY_NS, KILLED_NS, LOOK_S, WINDOW_NS, Exposed, dose_before, spent_ns
+from palpate.experiment.session.exposure import (
+    EVERY_NS,
+    KILLED_NS,
+    LOOK_S,
+    WINDOW_NS,
+    Exposed,
+    dose_before,
+    since_ended_ns,
+    spent_ns,
+)
 from palpate.experiment.session.kind import nothing_more
 from palpate.experiment.session.kinds.tapping.trials import Comparisons
 from palpate.experiment.session.masker import Masking
@@ -280,6 +289,19 @@ def test_the_age_of_a_dose_is_the_machines_where_it_ran_on_and_never_negative(se
         clock.restart()
     # After a new start only the wall clock can tell how long ago it was; what seems to come is now.
     assert of(lines, clock) == (0.0 if boots > 1 and set_ns > 0 else pytest.approx(0.4))
+
+
+@pytest.mark.parametrize("boots", [1, 2])
+@pytest.mark.parametrize("set_ns", [-72 * HOUR_NS, 0, 72 * HOUR_NS])
+def test_a_break_lasts_as_long_as_the_protocol_says_whatever_the_clock_was_set_to(set_ns: int, boots: int) -> None:
+    clock = Machine()
+    ended = Contents(tuple(told(clock, 0.4, None)))
+    clock.set(set_ns)
+    clock.sleep_ns(HOUR_NS)
+    if boots > 1:
+        clock.restart()
+    passed_ns = HOUR_NS if boots == 1 else max(HOUR_NS + set_ns, 0)
+    assert since_ended_ns(ended, clock) == passed_ns
 
 
 @pytest.mark.parametrize("order", [1, -1])

@@ -436,7 +436,7 @@ def test_a_note_in_a_pause_goes_on_record_and_changes_nothing_else(
     assert done.footer is not None
     assert done.footer.reason == reason
     assert exposure.spent_ns(after) == exposure.spent_ns(before)
-    assert exposure.ended_ns(after) == before.lines[-1].t_ns
+    assert exposure.since_ended_ns(after, one.clock) == one.clock.now_ns() - before.lines[-1].t_ns
     assert standing(session.done()).answered == len(done.answered)
 
 
