@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
+from itertools import chain
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -115,6 +116,10 @@ def run(
         )
     protocol = files.load(protocol_file)
     folder, who = _folder(protocol, dataset, repetitions, practice=practice), participant or "01"
+    named = {"--rig": rig, "--recordings": recordings, "--task": task, "--by": by, "--serve": serve, "--port": port}
+    usual = {"--by": "console", "--port": 8000}
+    stated = ((option, str(value)) for option, value in named.items() if value not in (None, usual.get(option)))
+    given = (*chain.from_iterable(stated), *(["--lines"] if lines else []))
 
     def once(console: "Console") -> "Footer":
         if practice or rig is None:
@@ -139,6 +144,7 @@ def run(
             root=dataset,
             recordings=recordings,
             console=console,
+            given=given,
         )
 
     if session_at is not None:

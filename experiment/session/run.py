@@ -74,20 +74,22 @@ def run(
     root: Path | None,
     recordings: Path | None,
     console: Console,
+    given: tuple[str, ...],
 ) -> Footer:
     """Run a participant in the room through what is left of their visit, and bring the dataset up to date.
 
     The protocol must be sealed, and the participant enrolled. `task_id` None stands for all tasks that are not
-    complete, `root` None for `participants/STUDY`, and `recordings` None for those in the dataset. Returns the footer
-    of the last session begun. Raises `PalpateError`, for what files can show before a person is asked anything.
+    complete, `root` None for `participants/STUDY`, and `recordings` None for those in the dataset. `given` are the
+    options that the command of a remedy has. Returns the footer of the last session begun. Raises `PalpateError`, for
+    what files can show before a person is asked anything.
     """
-    begun = prepare(protocol_file, rig_file, participant, task_id, root, recordings, console)
+    begun = prepare(protocol_file, rig_file, participant, task_id, root, recordings, console, given)
     root, protocol = begun.root, begun.protocol
     visit.ask_first(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.ask_first(console, lambda: _ask_criteria(root, protocol, participant, console))
     visit.ask_first(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     tasks, today = begun.asked_for, day(begun.clock.now_ns())
-    enrolled = admit(root, protocol_file, protocol, begun.allocation, tasks[0], str(rig_file), today).roster
+    enrolled = admit(root, protocol_file, protocol, begun.allocation, tasks[0], given, today).roster
     with enrolment.settling(root, protocol_file, protocol, None, None):
         # The seal of the first session stays in the dataset, and shows under which approval it was begun.
         approvals.keep_first(root, protocol_file)
@@ -116,6 +118,7 @@ def prepare(
     root: Path | None,
     recordings: Path | None,
     console: Console,
+    given: tuple[str, ...],
 ) -> "_Visit":
     """Return a visit that nothing on disk prevents; nothing is opened, asked or written. Arguments, errors: `run`."""
     clock = MonotonicClock()
@@ -151,7 +154,7 @@ def prepare(
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, protocol_file, allocation, tasks[0], today)
     if not asked_first:
-        admit(root, protocol_file, protocol, allocation, tasks[0], str(rig_file), today)
+        admit(root, protocol_file, protocol, allocation, tasks[0], given, today)
     synthesised = [task for task in tasks if scene.plan(protocol=protocol, task_id=task).synthesis]
     for kind, own in {session_kind(one): kind_of(one.kind) for one in map(protocol.task, synthesised)}.items():
         recordings = kind.real_recordings(root, recordings, protocol)
@@ -171,6 +174,7 @@ def prepare(
         purpose=purpose,
         anchored_in=anchored_in,
         console=console,
+        given=given,
         clock=clock,
     )
 
@@ -191,6 +195,7 @@ class _Visit:
     purpose: Purpose
     anchored_in: tuple[Path, Path | None] | None
     console: Console
+    given: tuple[str, ...]
     clock: Clock
     consent_on: date | None = None
     _identity: Visited | None = field(default=None, init=False)
@@ -297,7 +302,7 @@ class _Visit:
 
     def _admitted(self, task_id: str) -> Admission:
         today = day(self.clock.now_ns())
-        return admit(self.root, self.protocol_file, self.protocol, self.allocation, task_id, str(self.rig_file), today)
+        return admit(self.root, self.protocol_file, self.protocol, self.allocation, task_id, self.given, today)
 
 
 def _lacks_consent(root: Path, protocol: Protocol, participant: str) -> bool:

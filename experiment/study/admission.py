@@ -60,13 +60,19 @@ def approval_for(root: Path, allocation: Allocation, task_id: str, known: Approv
 
 
 def admit(
-    root: Path, protocol_file: Path, protocol: Protocol, allocation: Allocation, task_id: str, rig: str, today: date
+    root: Path,
+    protocol_file: Path,
+    protocol: Protocol,
+    allocation: Allocation,
+    task_id: str,
+    given: tuple[str, ...],
+    today: date,
 ) -> Admission:
     """Return under which approval a participant may be run today in a task.
 
     Raises `RosterError` if the study is suspended or ended, if the approval has expired, if they may not be run or have
     to consent again, or as `check_label`, and `DatasetError` if the protocol or its seal is not the one that covers
-    them. `rig` stands in the command that a remedy names.
+    them. `given` are the options that the command of a remedy has beside participant and dataset.
     """
     roster = Roster.load(storage.roster_path(root))
     first = approvals.read_first(root, protocol_file, followed=enrolment.may_follow(root, protocol))
@@ -82,7 +88,7 @@ def admit(
         left = any(approval_for(root, allocation, task, all_approvals, on) for task in later)
         remedy = "leave out --task, and the next task is run" if left else "no task is left for them"
         raise RosterError(what, remedy=remedy)
-    run = ("palpate", "run", "-p", who, "--rig", rig)
+    run = ("palpate", "run", "-p", who, *given)
     enrolment.check_version(root, protocol, wanted, run)
     if approvals.seal_sha256(protocol_file) != wanted.seal_sha256:
         raise _other_seal(root, protocol_file, wanted, all_approvals, run)

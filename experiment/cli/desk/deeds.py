@@ -283,7 +283,8 @@ def _prepare(study: Study, who: str) -> None:
     """Make the checks of `palpate run` that open no device and ask nobody. Raises as they do."""
     silent = TerminalConsole(write=io.StringIO(), ask=input, heading="")
     recordings = study.place.recordings if study.recordings else None
-    run.prepare(study.file, study.place.rig or Path(), who, None, study.place.dataset, recordings, silent)
+    given = ("--rig", str(study.place.rig), *study.recordings, *study.place.session)
+    run.prepare(study.file, study.place.rig or Path(), who, None, study.place.dataset, recordings, silent, given)
 
 
 def _withdraw(study: Study) -> Deed:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shlex
 import shutil
 from datetime import date, timedelta
 from pathlib import Path
@@ -13,10 +14,13 @@ from syrupy.assertion import SnapshotAssertion
 
 import palpate as library
 from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import status, verify
 from palpate.experiment.errors import PalpateError, Remedy, RosterError
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import chain
+from palpate.experiment.session import run
 from palpate.experiment.study import amendment
 from palpate.experiment.study.admission import admit
 from palpate.experiment.study.roster import Roster
@@ -93,7 +97,7 @@ def test_each_participant_is_refused_what_does_not_cover_them(
         allocation = own[place]
         task = allocation.tasks[1 if place < 2 else 0]
         try:
-            admit(study.root, file, files.load(file), allocation, task, "rig.toml", date.today())
+            admit(study.root, file, files.load(file), allocation, task, ("--rig", "rig.toml"), date.today())
         except PalpateError as error:
             return told(error.sentence(), study)
         return "may be run"
@@ -110,6 +114,22 @@ def test_each_participant_is_refused_what_does_not_cover_them(
     assert palpate("amend", study.file, "--dataset", study.root, *again)[0] == 0
     found += [refusal(study.file, 2), told(status.status(study.root, date.today()).seal, study)]
     assert found == approved
+
+
+def test_the_command_that_a_session_proposes_has_all_that_was_given(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert palpate(*changed(study, palpate), "--in-progress", "old", "--reconsent", "nobody", "--yes")[0] == 0
+    monkeypatch.setattr(run, "usable_rig", lambda *_: rigs.load(shipped("rigs/rehearsal.toml")))
+    given = ["-p", "01", "--rig", "our rig.toml", "--recordings", "our takes", "--task", study.tasks[0].tasks[1]]
+    given += ["--by", "desk-2", "--lines", "--dataset", str(study.root)]
+    code, _, err = palpate("run", study.file, *given)
+    assert code == 2
+    proposed = shlex.split(err[err.index("palpate run") :])
+    assert proposed[:3] == ["palpate", "run", str(storage.protocol_path(study.root))]
+    assert sorted(proposed[3:]) == sorted(given)
+    code, _, err = palpate(*proposed[1:])
+    assert (code, "palpate run" in err) == (2, False)
 
 
 def test_status_knows_a_session_that_was_run_where_the_amendment_began_a_day_earlier(

@@ -138,7 +138,7 @@ enrolling.enrol(file, "01", today, root=here / "dataset", seed=seed)
 console = TerminalConsole(write=sys.stderr, ask=lambda _: "y", heading="")
 try:
     run.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",
-              recordings=None, console=console)
+              recordings=None, console=console, given=())
 except TrackerError:
     print([name for name in sys.modules if name.startswith({STIMULUS!r})])
 """

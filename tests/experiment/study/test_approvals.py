@@ -234,7 +234,7 @@ def test_an_interrupted_amendment_fixes_no_seal_before_the_first_session(tmp_pat
     own = study.tasks[0]
     beside = approval.seal_path(study.file)
     beside.write_text(beside.read_text("utf-8").replace('"17"', '"18"'), "utf-8")
-    found = admit(study.root, study.file, study.protocol, own, own.tasks[0], "rig.toml", date.today()).approved
+    found = admit(study.root, study.file, study.protocol, own, own.tasks[0], (), date.today()).approved
     assert found.seal_sha256 == approvals.seal_sha256(study.file)
     told = {str(one.where): one.verdict for one in verify.verify(study.root).findings}
     assert told["sourcedata/protocol-2.toml"] == "unknown"
@@ -288,7 +288,7 @@ def test_whose_session_was_ended_hears_what_is_left(study: MadeStudy, place: int
     planned = amendment.plan_approval(study.file, root=study.root, in_progress="new", reconsent=False)
     amendment.record(study.file, planned, root=study.root)
     with pytest.raises(RosterError, match=remedy):
-        admit(study.root, study.file, study.protocol, own, own.tasks[place], "rig.toml", date.today())
+        admit(study.root, study.file, study.protocol, own, own.tasks[place], (), date.today())
 
 
 def run_once(folder: Path, expires_on: date) -> MadeStudy:
@@ -359,7 +359,7 @@ def test_a_superseded_version_is_renewed_for_those_it_covers(study: MadeStudy) -
     known, own, today = dataset.approvals, study.tasks[0], date.today()
     assert known is not None
     assert (known.version_on(today), known.consent_needed(3)) == (2, 1)
-    admission = admit(study.root, study.file, study.protocol, own, own.tasks[1], "rig.toml", today)
+    admission = admit(study.root, study.file, study.protocol, own, own.tasks[1], (), today)
     assert admission.approved.number == 3
     with pytest.raises(DatasetError, match="approval 2"):
         enrolling.enrol(study.file, "03", today, root=study.root, seed=None)

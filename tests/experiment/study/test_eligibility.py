@@ -50,7 +50,7 @@ def ask(study: MadeStudy, *keys: str, **changed: Any) -> list[str]:
 
 def admitted(study: MadeStudy) -> Admission:
     own = study.tasks[0]
-    return admit(study.root, study.file, study.protocol, own, own.tasks[0], "rig.toml", date.today())
+    return admit(study.root, study.file, study.protocol, own, own.tasks[0], (), date.today())
 
 
 def test_nobody_is_run_before_each_criterion_is_confirmed(study: MadeStudy) -> None:

@@ -183,7 +183,7 @@ def test_a_paused_session_under_a_wrong_label_goes_on_for_nobody(
     for who in ("01", "02"):
         console = ScriptedConsole(ManualClock(START_NS), "")
         with pytest.raises(RosterError) as refused:
-            run.prepare(study.file, rig_file, who, first, study.root, None, console)
+            run.prepare(study.file, rig_file, who, first, study.root, None, console, ())
         assert refused.value.finding.remedy
 
 
@@ -229,7 +229,7 @@ def test_who_did_a_task_under_another_label_does_it_no_second_time(
     monkeypatch.setattr(run, "usable_rig", lambda *_: rigs.load(rig_file))
     console = ScriptedConsole(ManualClock(START_NS), "")
     with pytest.raises(RosterError) as refused:
-        run.prepare(study.file, rig_file, "02", first, study.root, None, console)
+        run.prepare(study.file, rig_file, "02", first, study.root, None, console, ())
     assert "01" in refused.value.sentence()
 
 
@@ -264,7 +264,7 @@ def test_whose_label_another_used_goes_on_under_a_new_one(
     monkeypatch.setattr(run, "usable_rig", lambda *_: rigs.load(shipped("rigs/rehearsal.toml")))
     console = ScriptedConsole(ManualClock(START_NS), "")
     with pytest.raises(RosterError) as refused:
-        run.prepare(study.file, shipped("rigs/rehearsal.toml"), "01", first, study.root, None, console)
+        run.prepare(study.file, shipped("rigs/rehearsal.toml"), "01", first, study.root, None, console, ())
     assert "palpate withdraw" in refused.value.sentence()
     withdraw(study, "01")
     assert enrolling.free_place(study.root, study.protocol, Roster.load(storage.roster_path(study.root))) == "01"

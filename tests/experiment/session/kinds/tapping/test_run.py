@@ -67,6 +67,7 @@ def test_a_session_of_real_samples_needs_no_device(tmp_path: Path, monkeypatch: 
         root=root,
         recordings=None,
         console=desk,
+        given=(),
     )
     assert (footer.reason, footer.answered) == ("complete", 30)
     assert len(desk.placed) == 30
