@@ -9,6 +9,7 @@ import hashlib
 import os
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -162,13 +163,35 @@ def with_accidents(root: Path, findings: Sequence[Finding]) -> list[Finding]:
         replace(one, verdict="refuses") if any(_explains(one, refusal) for refusal in refusals) else one
         for one in accidents(root)
     ]
+    found += _lost_folders(root, refusals)
     kept = [one for one in findings if not one.refuses or not any(_explains(each, one) for each in found)]
     return [*kept, *found]
+
+
+def _lost_folders(root: Path, refusals: Sequence[Finding]) -> Iterator[Finding]:
+    """Yield each participant's folder that is gone, where several refusals are of what was in it."""
+    of_folders = Counter(_folder(one) for one in refusals)
+    for folder, times in of_folders.items():
+        if folder and times > 1 and not (root / folder).exists() and (root / folder).parent.exists():
+            own = {one.remedy for one in refusals if _folder(one) == folder}
+            remedy = own.pop() if len(own) == 1 else "restore it from a backup"
+            what = f"the whole folder is missing, which explains {times} findings"
+            yield Finding(what, folder, remedy=remedy, verdict="refuses", check=CHECK)
+
+
+def _folder(refusal: Finding) -> str:
+    """Return the folder of a participant in which what a refusal needs should be, by its path in the dataset."""
+    found = re.match(r"(sourcedata/)?(sub-[^/]+)/", str(refusal.where))
+    if found is None:
+        return ""
+    return f"sourcedata/{found[2]}" if refusal.check == "tables" else f"{found[1] or ''}{found[2]}"
 
 
 def _explains(accident: Finding, refusal: Finding) -> bool:
     """Return whether a refusal is of the same file, or of one in a folder; a journal and its head are one."""
     if "sub-" in str(accident.where) and str(refusal.where).startswith(f"{accident.where}/"):
+        return True
+    if accident.where == _folder(refusal):
         return True
     name = unicodedata.normalize("NFC", str(accident.where))
     return re.sub(r"\.(jsonl|head)$", "", name) == re.sub(r"\.(jsonl|head)$", "", str(refusal.where))

@@ -570,15 +570,28 @@ def test_a_roster_that_is_refused_shows_nothing_of_the_seed(study: MadeStudy, ma
     assert [told[item] for item in ("headers", "seed", "tables")] == ["passes", "unknown", "passes"]
 
 
-@pytest.mark.parametrize("tables", [True, False], ids=["with tables", "but for one row"])
-def test_a_journal_that_is_missing_has_to_come_from_a_backup(study: MadeStudy, *, tables: bool) -> None:
-    shutil.rmtree(study.journal().parent)
-    if not tables:
-        shutil.rmtree(study.root / "sub-01")
-    report = verify(study.root)
-    assert any("from a backup" in text for text in refused(report).values())
-    tables_alone = [one.clause() for one in report.findings if "palpate build" in one.clause()]
-    assert all("if no such session took place" in text for text in tables_alone)
+@pytest.mark.parametrize(
+    ("gone", "remedy"),
+    [
+        (["sourcedata/sub-01"], "from a backup"),
+        (["sourcedata/sub-01", "sub-01"], "from a backup"),
+        (["sub-01"], "palpate build"),
+    ],
+)
+def test_a_participants_folder_that_is_missing_is_one_finding(study: MadeStudy, gone: list[str], remedy: str) -> None:
+    checks.keep_anchor(study.root)
+    for folder in gone:
+        shutil.rmtree(study.root / folder)
+    found = refused(verify(study.root))
+    assert list(found) == [gone[0]]
+    assert remedy in found[gone[0]]
+
+
+def test_a_table_that_alone_knows_of_a_journal_may_have_been_edited(study: MadeStudy) -> None:
+    for folder in (study.journal().parent, study.root / "sub-01"):
+        shutil.rmtree(folder)
+    (found,) = refused(verify(study.root)).values()
+    assert "if no such session took place" in found
 
 
 def test_a_register_is_told_also_where_all_of_sourcedata_is_gone(study: MadeStudy, anchored: Path) -> None:
