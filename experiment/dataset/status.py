@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, timedelta
+from itertools import groupby
 from pathlib import Path
 from textwrap import fill, shorten, wrap
 from typing import Literal
@@ -108,7 +109,8 @@ class Status:
     participant whom the rules exclude; None if unknown. `doubts` question the evidence, `reminders` need action.
     `to_enrol` is the next label. `revealed` gives the days of `palpate schedule --reveal`, `keep_until` the last day on
     which the data of each may be kept, where the protocol limits it. `incidents` are adverse events and deviations.
-    `retired` has labels that people gave up, which are not in `people`, and the label that each has instead.
+    `retired` has labels that people gave up, which are not in `people`, and for which of theirs each one's sessions
+    count.
     """
 
     root: Path
@@ -127,7 +129,7 @@ class Status:
     excluded: Mapping[str, str] | None = field(default_factory=dict)
     keep_until: Mapping[str, date] = field(default_factory=dict)
     incidents: tuple[Incident, ...] = ()
-    retired: Mapping[str, str] = field(default_factory=dict)
+    retired: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def heading(self) -> str:
@@ -197,7 +199,8 @@ class Status:
     def text(self) -> str:
         """Return the screen."""
         counts = Counter(one.state for one in self.people)
-        erased = f" ({len(self.erased)} erased)" if self.erased else ""
+        gone = len(self.erased.difference(self.retired))
+        erased = f" ({gone} erased)" if gone else ""
         left_out = "not known" if self.excluded is None else f"{len(self.excluded)}"
         told = ", ".join(
             f"{counts[state]} {state}" + erased * (state == "withdrawn")
@@ -216,7 +219,7 @@ class Status:
                 "",
                 *self._table(),
                 *_listed("Groups:", [f"{name}: {_states(counts)}" for name, counts in self.groups().items()]),
-                *_listed("Labels given up:", [f"{old}, now {new}." for old, new in self.retired.items()]),
+                *_listed("Labels given up:", [f"{old}, now {' and '.join(new)}." for old, new in self.retired.items()]),
                 *_listed("Revealed before a session:", [f"{who}, on {day}." for who, day in self.revealed.items()]),
                 *_listed("Under way:", [one.standing for one in under_way]),
                 *_listed("Next:", come),
@@ -345,8 +348,8 @@ def status(given: Path, today: date) -> Status:
     )
 
 
-def _retired(known: Roster) -> dict[str, str]:
-    """Return the labels that people gave up, and that of each afterwards, for which their sessions count."""
+def _retired(known: Roster) -> dict[str, tuple[str, ...]]:
+    """Return the labels that people gave up, and those enrolled afterwards for which their sessions count."""
     gone, later = set[str](), set[tuple[str, str]]()
     for link in known.lines.links:
         kind, who = link.entry["kind"], str(link.entry.get("participant"))
@@ -354,7 +357,8 @@ def _retired(known: Roster) -> dict[str, str]:
             gone.add(who)
         elif kind in ("enrolled", "replacing"):
             later.update((label, who) for label in gone)
-    return {label: who for (label, _), who in known.took_part.items() if (label, who) in later}
+    moved = sorted({(label, who) for (label, _), who in known.took_part.items()} & later)
+    return {label: tuple(who for _, who in own) for label, own in groupby(moved, lambda one: one[0])}
 
 
 def _seal(

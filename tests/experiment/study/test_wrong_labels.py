@@ -278,4 +278,24 @@ def test_whose_label_another_used_goes_on_under_a_new_one(
     assert {*read.attempts.groupby(["participant", "task"]).groups} == {("02", first), ("03", first), ("03", second)}
     shown = status.status(study.root, DAY)
     assert {one.participant: one.state for one in shown.people} == {"02": "under way", "03": "done"}
-    assert shown.retired == {"01": "03"}
+    assert shown.retired == {"01": ("03",)}
+
+
+def test_sessions_under_a_label_that_was_given_up_may_be_of_two_persons(study: MadeStudy, palpate: Palpate) -> None:
+    study.run(study.header("01", study.tasks[0].tasks[1]))
+    build.build(study.root)
+    withdraw(study, "01")
+    for who in ("03", "04"):
+        enrolling.enrol(study.file, who, DAY, root=study.root, seed=None)
+    assert tell(palpate, study, "01", "04") == 0
+    assert tell(palpate, study, "01", "03", position=1) == 0
+    shown = status.status(study.root, DAY)
+    assert shown.retired == {"01": ("03", "04")}
+    assert [one.participant for one in shown.people] == ["02", "03", "04"]
+    for who in ("03", "04"):
+        withdraw(study, who)
+    withdraw(study, "01", erase=True)
+    assert verify.verify(study.root).refused == 0
+    shown = status.status(study.root, DAY)
+    assert [one.participant for one in shown.those("withdrawn")] == ["03", "04"]
+    assert " erased)" not in shown.text()
