@@ -7,9 +7,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
-from itertools import chain
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -117,9 +116,7 @@ def run(
     protocol = files.load(protocol_file)
     folder, who = _folder(protocol, dataset, repetitions, practice=practice), participant or "01"
     named = {"--rig": rig, "--recordings": recordings, "--task": task, "--by": by, "--serve": serve, "--port": port}
-    usual = {"--by": "console", "--port": 8000}
-    stated = ((option, str(value)) for option, value in named.items() if value not in (None, usual.get(option)))
-    given = (*chain.from_iterable(stated), *(["--lines"] if lines else []))
+    given = (*_stated(named), *["--lines"] * lines)
 
     def once(console: "Console") -> "Footer":
         if practice or rig is None:
@@ -173,6 +170,13 @@ def run(
         options.say(ending_words(once(console), last=task is None))
     else:
         _attend(folder, who, by)
+
+
+def _stated(named: Mapping[str, object]) -> Iterator[str]:
+    """Yield options with their values, as words of a command, but for those that are as without them."""
+    for option, value in named.items():
+        if value not in (None, {"--by": "console", "--port": 8000}.get(option)):
+            yield from (option, str(value))
 
 
 def _folder(protocol: "Protocol", dataset: Path | None, repetitions: int | None, *, practice: bool) -> Path:

@@ -128,6 +128,7 @@ def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_ask
         anchored_in=None,
         consent_on=None,
         console=console,
+        given=(),
         clock=clock,
     )
     said = []
