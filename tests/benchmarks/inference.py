@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ from palpate.analysis.identification.trial_models import Design
 from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics import lapses
 from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests
-from palpate.analysis.statistics.exact import NotDefined, of_counts
+from palpate.analysis.statistics.exact import Floats, NotDefined, of_counts
 from palpate.analysis.statistics.inference import clopper_pearson, t_tests, wilson
 from palpate.analysis.statistics.participants import jackknife, repeated_tests
 from palpate.analysis.statistics.psychophysics.information import information, information_limits
@@ -99,8 +100,15 @@ def draw(
 
 def mean_share(log_odds: float, sd: float) -> float:
     """The mean share of right answers over the normal spread."""
-    nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+    nodes, weights = _normal_nodes()
     return float(weights @ expit(log_odds + sd * nodes) / weights.sum())
+
+
+@cache
+def _normal_nodes() -> tuple[Floats, Floats]:
+    """Return Gauss and Hermite's nodes and weights."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(80)
+    return nodes, weights
 
 
 def at_share(wanted: float, sd: float) -> float:

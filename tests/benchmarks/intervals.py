@@ -41,7 +41,7 @@ HELD, CONFIDENT = 0.935, 0.99
 """A cell falls short if its own interval of this confidence lies below so much coverage."""
 
 WORST, AGAIN = 25, 10
-"""So many cells in which what is printed covers least are run again, with so many times the studies."""
+"""So many cells in which what is to cover covers least are run again, with so many times the studies."""
 
 MEASURED = 20
 """The width of the interval for any population is that of so many studies a cell; it is slow to find."""
@@ -203,15 +203,15 @@ def run(file: Path, studies: int, seconds: float) -> None:
                 out.write(json.dumps({**line, "found": found}) + "\n")
 
 
-def printed(line: dict[str, object]) -> str:
-    """Return the name of the interval that is printed for a cell."""
-    return "shown first" if line["quantity"] == "guessers" else "over participants"
+def promised(line: dict[str, object]) -> str:
+    """Return the name of the interval that is to cover in a cell; where some only guess none over participants can."""
+    return "any population" if line["quantity"] == "guessers" else "over participants"
 
 
 def _worst(of: Sequence[dict[str, object]], studies: int) -> list[dict[str, object]]:
-    """Return the lines of so many studies in which what is printed covers least."""
+    """Return the lines of so many studies in which what is to cover covers least."""
     own = [line for line in of if studies <= int(str(line["studies"])) < AGAIN * studies]
-    return sorted(own, key=lambda line: line["found"][printed(line)][0] / line["studies"])[:WORST]  # type: ignore[index]
+    return sorted(own, key=lambda line: line["found"][promised(line)][0] / line["studies"])[:WORST]  # type: ignore[index]
 
 
 def lines(file: Path) -> list[dict[str, object]]:
