@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from math import hypot, sqrt
 from pathlib import Path
@@ -23,7 +24,7 @@ from palpate.analysis.documents import page
 from palpate.analysis.documents.output import publish
 from palpate.analysis.documents.tables import Column, Record, Section, tabulate
 from palpate.analysis.documents.tables import text as in_terminal
-from palpate.analysis.power.simulate import LABEL
+from palpate.analysis.power.simulate import LABEL, on_cores
 from palpate.analysis.statistics.exact import NotDefined
 from palpate.analysis.statistics.inference import ConfidenceInterval, wilson
 from palpate.analysis.statistics.psychophysics.psychometric import fit, psychometric
@@ -128,23 +129,33 @@ def run(
     *,
     sessions: int = SESSIONS,
     seed: int = 1,
+    jobs: int = 0,
     total: Callable[[int], None] = lambda _: None,
     tick: Callable[[], None] = lambda: None,
 ) -> Thresholds:
-    """Return bias, SD and coverage for every task of which there is a rule, by its id.
+    """Return bias, SD and coverage for every task of which there is a rule, by its id; `jobs` as of `on_cores`.
 
-    Raises `PowerError` for less than one session.
+    Raises `PowerError` for less than one session, or a worker that was ended.
     """
     if sessions < 1:
         raise PowerError("--studies", f"got {sessions}", "give more", allowed="1 or more")
-    total(len(rules) * len(SPREADS_DB) * len(LAPSES))
-    found = []
-    for task in (one for one in protocol.tasks if one.id in rules):
-        for spread_db in SPREADS_DB:
-            for lapse in LAPSES:
-                found.append(_observer(protocol, task, rules[task.id], spread_db, lapse, sessions, seed))
-                tick()
-    return Thresholds(protocol.study.id, seed, tuple(found))
+    work = [
+        partial(_observer, protocol, task, rules[task.id], spread_db, lapse, sessions, seed)
+        for task in protocol.tasks
+        if task.id in rules
+        for spread_db in SPREADS_DB
+        for lapse in LAPSES
+    ]
+    total(len(work))
+    found: dict[int, Observer] = {}
+    for place, one in on_cores(_done, work, jobs):
+        found[place] = one
+        tick()
+    return Thresholds(protocol.study.id, seed, tuple(found[place] for place in range(len(work))))
+
+
+def _done(work: Callable[[], Observer]) -> Observer:
+    return work()
 
 
 def doubts(protocol: StudyProtocol, rules: Mapping[str, Rule]) -> Iterator[Finding]:

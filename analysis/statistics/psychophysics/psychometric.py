@@ -9,8 +9,7 @@ Beta(1, 10) (Schuett, Harmeling, Macke and Wichmann 2016, Vision Res. 122, 105-1
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.special import ndtr, ndtri, xlog1py, xlogy
+from scipy.special import ndtr, ndtri
 
 from palpate.analysis.statistics.exact import Floats, NotDefined
 from palpate.analysis.statistics.inference import CONFIDENCE
@@ -41,14 +40,12 @@ class Known:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted function; `mode` is the most probable threshold, spread and lapse, which has the greatest likelihood
-    where the lapse is fixed. `at_bound` says that the answers leave the threshold open on one side."""
+    """A fitted function; `at_bound` says that the answers leave the threshold open on one side."""
 
     threshold: Known
     spread: Known
     lapse: Known
     guess: float
-    mode: tuple[float, float, float]
     trials: int
     at_bound: bool
 
@@ -90,15 +87,10 @@ def fit(x: Floats, right: Floats, trials: Floats, *, guess: float, lapse: float 
             ends = marginal[0][[0, -1]].max() / marginal[0].sum()
             held = [_holding(axis, of) for axis, of in zip(axes, marginal, strict=True)]
             axes = np.linspace(*held[0], FINE[0]), np.linspace(*held[1], FINE[1])
-    place = np.unravel_index(int(np.argmax(weight)), weight.shape)
-    start = (float(axes[0][place[0]]), float(axes[1][place[1]]))
-    best = float(lapses[place[2]])
-    found = minimize(lambda at: -data.log_likelihood(at[0], at[1], best), start, method="Nelder-Mead", tol=1e-10)
     threshold = _quantiles(axes[0], marginal[0])
     log_spread, missed = _quantiles(axes[1], marginal[1]), _quantiles(lapses, weight.sum(axis=(0, 1)))
     spread = Known(*(float(np.exp(one)) for one in (log_spread.value, log_spread.low, log_spread.high)))
-    mode = float(found.x[0]), float(np.exp(found.x[1])), best
-    return Fit(threshold, spread, missed, guess, mode, int(trials.sum()), bool(ends > OPEN))
+    return Fit(threshold, spread, missed, guess, int(trials.sum()), bool(ends > OPEN))
 
 
 @dataclass(frozen=True)
@@ -108,16 +100,17 @@ class _Data:
     trials: Floats
     guess: float
 
-    def log_likelihood(self, threshold: float, log_spread: float, lapse: float) -> float:
-        share = psychometric(self.x, threshold, float(np.exp(log_spread)), self.guess, lapse)
-        return float((xlogy(self.right, share) + xlog1py(self.trials - self.right, -share)).sum())
-
     def posterior(self, thresholds: Floats, log_spreads: Floats, lapses: Floats) -> Floats:
         """Return the probability of each, shape (thresholds, spreads, lapses)."""
-        z = (self.x[:, None, None] - thresholds[:, None]) / np.exp(log_spreads)
-        share = self.guess + (1 - self.guess - lapses) * ndtr(z)[..., None]
-        log = np.einsum("x,xtsl->tsl", self.right, np.log(np.maximum(share, 1e-300)))
-        log += np.einsum("x,xtsl->tsl", self.trials - self.right, np.log(np.maximum(1 - share, 1e-300)))
+        log = np.zeros((len(thresholds), len(log_spreads), len(lapses)))
+        for at, right, wrong in zip(self.x, self.right, self.trials - self.right, strict=True):
+            felt = ndtr((at - thresholds[:, None]) / np.exp(log_spreads))[..., None]
+            share = self.guess + (1 - self.guess - lapses) * felt
+            # No answer of a kind has no part in it, and a logarithm costs most of the time.
+            if right:
+                log += right * np.log(np.maximum(share, 1e-300))
+            if wrong:
+                log += wrong * np.log(np.maximum(1 - share, 1e-300))
         if len(lapses) > 1:
             log += (OF_LAPSES - 1) * np.log1p(-lapses)
         weight: Floats = np.exp(log - log.max())

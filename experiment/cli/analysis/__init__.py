@@ -225,7 +225,7 @@ def power(
         _refuse_unused({"--looks": looks, "--rule": rule, "--alpha": alpha, "--scheduler": scheduler})
         thresholds = import_module(own)
         sessions = thresholds.SESSIONS if studies is None else studies
-        run = partial(thresholds.run, protocol, methods(protocol), sessions=sessions, seed=seed)
+        run = partial(thresholds.run, protocol, methods(protocol), sessions=sessions, seed=seed, jobs=jobs)
         off = _simulated(run, quiet=as_json)
         if out is not None:
             thresholds.write(off, out)

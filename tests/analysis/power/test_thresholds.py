@@ -50,6 +50,15 @@ def test_the_same_seed_gives_the_same_and_another_one_does_not() -> None:
     assert replace(one[0], fitted=0).coverage is None
 
 
+def test_observers_on_two_cores_are_those_on_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(thresholds, "SPREADS_DB", (3.0,))
+    monkeypatch.setattr(thresholds, "LAPSES", (0.0, 0.05))
+    of, ticks = study(), list[int]()
+    one = thresholds.run(of, methods(of), sessions=2, jobs=1)
+    assert thresholds.run(of, methods(of), sessions=2, jobs=2, tick=lambda: ticks.append(1)) == one
+    assert (len(ticks), [each.lapse for each in one.observers]) == (2, [0.0, 0.05])
+
+
 def test_a_staircase_that_ends_before_it_arrives_is_warned_of() -> None:
     assert list(thresholds.doubts(study(), {})) == []
     short = study(first=1.0, reversals=4, steps=(1,), down=3)

@@ -21,11 +21,15 @@ TRIALS = np.full(6, 30.0)
         ([16, 18, 22, 26, 29, 30], 0.5, (-15.49315538, 4.90120209)),
     ],
 )
-def test_without_lapses_the_mode_is_what_r_fits(right: list[int], guess: float, printed: tuple[float, float]) -> None:
-    found = fit(X, np.array(right, dtype=float), TRIALS, guess=guess, lapse=0.0)
-    assert found.mode[:2] == pytest.approx(printed, abs=2e-5)
-    assert found.mode[2] == found.lapse.value == 0.0
-    assert found.threshold.low < printed[0] < found.threshold.high
+def test_without_lapses_the_posterior_of_many_trials_is_at_what_r_fits(
+    right: list[int], guess: float, printed: tuple[float, float]
+) -> None:
+    """Of the same shares in a thousand times as many trials R's estimates are the same."""
+    found = fit(X, 1000 * np.array(right, dtype=float), 1000 * TRIALS, guess=guess, lapse=0.0)
+    assert (found.threshold.value, found.spread.value) == pytest.approx(printed, rel=1e-3)
+    assert found.lapse.value == 0.0
+    few = fit(X, np.array(right, dtype=float), TRIALS, guess=guess, lapse=0.0)
+    assert few.threshold.low < printed[0] < few.threshold.high
 
 
 def test_of_many_trials_the_posterior_is_what_r_says_of_its_estimates() -> None:
