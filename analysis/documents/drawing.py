@@ -8,12 +8,15 @@ import io
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, TypeVar
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
 MARKERS = ("o", "^", "s", "D", "v", "P")
@@ -43,6 +46,19 @@ PAGE_INCHES = 9.0
 
 LETTER_INCHES = 0.058
 """A generous average width of a letter of 7 points."""
+
+MARK, LINE = 4.0, 9.0
+"""Half of the width of a marker, and the height of a line of letters, points."""
+
+REACHES = (5.0, 12.0, 20.0, 30.0, 45.0, 65.0)
+TURNS = tuple(sign * step * np.pi / 8 for step in range(9) for sign in (1, -1))
+"""How far a name is from its point, points, and the angles from the first choice, radians: the next one is tried."""
+
+PARTS = tuple(np.linspace(0.2, 1, 9))
+"""Where a line from a point to its name is looked at."""
+
+Box = tuple[float, float, float, float]
+"""Left, low, right and high end, points."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +142,55 @@ def name_below(axes: Axes, places: Sequence[float], names: Sequence[str], room_i
     broken = [textwrap.fill(name, levels * letters) for name in shown]
     lines = [max((name.count("\n") + 1 for name in broken[level::levels]), default=0) for level in range(levels)]
     axes.set_xticks(places, ["\n" * sum(lines[: place % levels]) + name for place, name in enumerate(broken)])
+
+
+def name_beside(figure: Figure, axes: Axes, names: Sequence[str]) -> bool:
+    """Write a name beside each line of the axes, which is a point; return False, and write none, without room for all.
+
+    The figure is laid out first. A name is clear of other names, their lines and points; one that is not next to its
+    point, or whose point touches another, has a line to it.
+    """
+    figure.draw_without_rendering()
+    scale = 72 / figure.dpi
+    places = [axes.transData.transform(np.ravel(line.get_xydata())) * scale for line in axes.lines]
+    (left, low), (right, high) = axes.bbox.get_points() * scale
+    marks, taken = [_around(place, 2 * MARK, 2 * MARK) for place in places], list[Box]()
+    found: list[tuple[NDArray[np.float64], float]] = []
+    for name, place in zip(names, places, strict=True):
+        others = sorted((other - place for other in places if other is not place), key=np.hypot.reduce)
+        touching = int(bool(others) and np.hypot(*others[0]) < 2 * MARK)
+        away = float(np.arctan2(*-others[0][::-1])) if touching else 0.0
+        size = np.array([72 * LETTER_INCHES * len(name), LINE])
+        for reach, turn in product(REACHES[touching:], TURNS):
+            offset = np.array([np.cos(away + turn), np.sin(away + turn)]) * (reach + size / 2)
+            box = _around(place + offset, *size)
+            pointer = [_around(place + part * offset, 1, 1) for part in PARTS if reach > REACHES[0]]
+            inside = left <= box[0] and box[2] <= right and low <= box[1] and box[3] <= high
+            if inside and not _meet([box], [*marks, *taken]) and not _meet(pointer, taken):
+                taken += [box, *pointer]
+                found.append((offset, reach))
+                break
+        else:
+            return False
+    for name, line, (offset, reach) in zip(names, axes.lines, found, strict=True):
+        drawn = {"arrowstyle": "-", "linewidth": 0.5, "shrinkA": 1, "shrinkB": 0} if reach > REACHES[0] else None
+        point = tuple(np.ravel(line.get_xydata()))
+        named = axes.annotate(
+            name, point, (offset[0], offset[1]), textcoords="offset points", ha="center", va="center", arrowprops=drawn
+        )
+        named.set_in_layout(False)
+    return True
+
+
+def _around(place: NDArray[np.float64], wide: float, tall: float) -> Box:
+    return place[0] - wide / 2, place[1] - tall / 2, place[0] + wide / 2, place[1] + tall / 2
+
+
+def _meet(some: Sequence[Box], others: Sequence[Box]) -> bool:
+    return any(
+        one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+        for one, other in product(some, others)
+    )
 
 
 def told_apart(names: Sequence[str], letters: int) -> list[str]:

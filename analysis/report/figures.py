@@ -98,7 +98,11 @@ def material_map(axes: Axes, one: Identification, materials: Sequence[str]) -> N
     """Draw the materials as points, the closer the more they were taken for one another."""
     points = one.scaling.points if one.scaling else np.zeros((0, 2))
     for index, (material, point) in enumerate(zip(materials, points, strict=True)):
-        axes.plot(*point, drawing.marker(index), color=drawing.colour(index), label=drawing.short(material, 24))
+        # Hollow, so that of two materials in one place both are seen.
+        axes.plot(
+            *point, drawing.marker(index), color=drawing.colour(index), fillstyle="none", markeredgewidth=1.2,
+            label=drawing.short(material, 24),
+        )  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.15)
     axes.set_xlabel("first axis")
@@ -339,7 +343,10 @@ def _similarity(results: Results, label: str, *, titles: bool) -> Iterator[drawi
         figure, panels = drawing.sheet([MAP_INCHES] * len(mapped), title, label)
         for axes, (_, one) in zip(panels, mapped, strict=True):
             material_map(axes, one, tasks[0].confusion.materials)
-        drawing.key(panels[0])
+        names = [drawing.short(material, 24) for material in tasks[0].confusion.materials]
+        named = [drawing.name_beside(figure, axes, names) for axes in panels]
+        if not all(named):
+            drawing.key(panels[0])
         said = (
             f"Map of the materials in {_people([task for task, _ in mapped])}: the closer two are, the more they were "
             "taken for one another (classical scaling). It has no error bars."

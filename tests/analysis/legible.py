@@ -62,7 +62,8 @@ def _near(corners: np.ndarray) -> Iterator[tuple[int, int]]:
 
 def _corners(text: Text, renderer: RendererBase) -> np.ndarray:
     turn = text.get_rotation()
-    box = text.get_window_extent(renderer)
+    # An annotation's own extent would have its line in it, which may pass between other letters.
+    box = Text.get_window_extent(text, renderer)
     if turn % 90 == 0:
         # Empty lines above move a name to a lower level and cover nothing.
         lines = text.get_text().split("\n")
@@ -70,7 +71,7 @@ def _corners(text: Text, renderer: RendererBase) -> np.ndarray:
         box.y1 -= (box.y1 - box.y0) * empty / len(lines)
         return np.array([[box.x0, box.y0], [box.x1, box.y0], [box.x1, box.y1], [box.x0, box.y1]])
     text.set_rotation(0)
-    flat = text.get_window_extent(renderer)
+    flat = Text.get_window_extent(text, renderer)
     text.set_rotation(turn)
     angle = np.deg2rad(turn)
     along, up = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])

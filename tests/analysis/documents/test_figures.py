@@ -6,12 +6,15 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.text import Annotation
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, svg, told_apart
+from palpate.analysis.documents import drawing
+from palpate.analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, name_beside, sheet, svg, told_apart
 from palpate.analysis.documents.flow import flow
 from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read
@@ -121,6 +124,26 @@ def test_the_published_studys_figures(repository_root: Path) -> None:
     names = ["correct-ratios", "confusion", "participants-virtual", "participants-real", "map", "dissimilarity"]
     assert [one.name for one in found] == names
     check(found)
+
+
+def test_names_of_materials_in_one_place_are_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten materials, of which two are in one place and three near another: each name is written, clear of the rest."""
+    points = np.vstack([np.random.default_rng(3).normal(0, 0.2, (7, 2)), [[0.5, 0.1], [0.5, 0.1], [0.49, 0.1]]])
+    with mpl.rc_context(drawing.COLUMN_STYLE):
+        figure, (axes,) = sheet([2.6], "", "")
+        for point in points:
+            axes.plot(*point, "o")
+        assert name_beside(figure, axes, MANY)
+        check([Sheet("map", "", "", figure)])
+    named = [text for text in axes.texts if isinstance(text, Annotation)]
+    assert [(text.get_text(), text.xy) for text in named] == list(zip(MANY, map(tuple, points), strict=True))
+    assert {*MANY[7:]} <= {text.get_text() for text in named if text.arrow_patch}
+    monkeypatch.setattr(drawing, "REACHES", (5.0, 12.0))
+    other, (crowded,) = sheet([2.6], "", "")
+    for _ in MANY * 3:
+        crowded.plot(0, 0, "o")
+    assert not name_beside(other, crowded, MANY * 3)
+    assert not crowded.texts
 
 
 def test_a_hundred_participants_are_four_pages_and_more_are_said(tmp_path: Path, approved: SnapshotAssertion) -> None:
