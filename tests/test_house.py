@@ -145,6 +145,11 @@ def test_nothing_takes_an_error_of_ours_for_a_text(sources: tuple[Source, ...]) 
     assert places == []
 
 
+def test_no_remedy_leaves_open_how(sources: tuple[Source, ...]) -> None:
+    empty = re.compile(r'["; ]mend it"')
+    assert [one.path for one in sources if empty.search(one.text)] == []
+
+
 def test_a_function_has_a_name_that_says_what_it_gives_or_does(sources: tuple[Source, ...]) -> None:
     """A participle of what was told or held, or a preposition, says nothing where it is called."""
     named = [

@@ -240,16 +240,22 @@ def stated(file: Path, protocol: Protocol) -> ChoiceModel:
     wanted = [(task.id, shown) for task in protocol.tasks for shown in protocol.materials_of(task)]
     found = [(row.task, row.presented) for row in model.rows]
     if strange := [row for row in found if row not in wanted or found.count(row) > 1]:
+        named, presented = strange[0]
+        twice = strange[0] in wanted
         raise PowerError(
-            f"{file}: got a row for task {strange[0][0]}, {strange[0][1]}; allowed: each task of "
-            f"{protocol.study.id} with each material that it presents, once; mend it"
+            file,
+            f"got a row for task {named}, {presented}",
+            "delete all but one of these [[rows]]" if twice else "correct its task or presented, or delete it",
+            allowed=f"each task of {protocol.study.id} with each material that it presents, once",
         )
     if missing := [row for row in wanted if row not in found]:
         raise _lacking(str(file), *missing[0])
     if wrong := [row for row in model.rows if len(row.answers) != len(ids)]:
         raise PowerError(
-            f"{file}: task {wrong[0].task}, {wrong[0].presented}: got {len(wrong[0].answers)} answers; allowed: "
-            f"{len(ids)}, in the order of the protocol: {', '.join(ids)}; mend it"
+            f"{file}: task {wrong[0].task}, {wrong[0].presented}",
+            f"got {len(wrong[0].answers)} answers",
+            "give a share of answers for each, with 0 for one that is never given",
+            allowed=f"{len(ids)}, in the order of the protocol: {', '.join(ids)}",
         )
     rows = {(row.task, row.presented): row for row in model.rows}
     tasks = []

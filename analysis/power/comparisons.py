@@ -17,7 +17,7 @@ from scipy.special import expit, logit, stdtr
 from palpate.analysis.designs.comparison.results import CHOSEN
 from palpate.analysis.documents.tables import Column, Record, tabulate
 from palpate.analysis.power.planned_tests import ABOUT, Answer, Answers, Design, Model, Question, Shown
-from palpate.analysis.power.stated import StatedValue, by_task
+from palpate.analysis.power.stated import StatedValue, by_task, other_study
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading import dataset
 from palpate.analysis.statistics.exact import Floats, Integers
@@ -196,7 +196,7 @@ def fitted(folder: Path, protocol: Protocol) -> PairModel:
     tasks, ids = planned_tasks(protocol)
     study = dataset.read(folder)
     if study.design != "comparison" or set(ids) != set(study.materials):
-        raise PowerError(f"{folder}: got other answers or materials; allowed: comparisons of {', '.join(ids)}; mend it")
+        raise other_study(folder, f"comparisons of {', '.join(ids)}", NUMBERS)
     observers = []
     for task in tasks:
         rows = study.trials(task)

@@ -17,7 +17,7 @@ from scipy.special import stdtr
 
 from palpate.analysis.documents.tables import Column, Record, tabulate
 from palpate.analysis.power.planned_tests import ABOUT, Answer, Answers, Design, Model, Question, Shown
-from palpate.analysis.power.stated import StatedValue, by_task
+from palpate.analysis.power.stated import StatedValue, by_task, other_study
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading import dataset
 from palpate.analysis.statistics.exact import Floats, Integers, integers
@@ -218,7 +218,7 @@ def fitted(folder: Path, protocol: Protocol) -> RatingModel:
     scale = [place.answer for place in protocol.table(Rating).scale]
     ids = [material.id for material in protocol.materials]
     if study.design != protocol.tasks[0].design or set(ids) != set(study.materials):
-        raise PowerError(f"{folder}: got other answers or materials; allowed: ratings of {', '.join(ids)}; mend it")
+        raise other_study(folder, f"ratings of {', '.join(ids)}", NUMBERS)
     model = _unrated(protocol)
     tasks = []
     for task in protocol.tasks:

@@ -23,13 +23,36 @@ def by_task(
 ) -> Iterator[tuple[str, Floats]]:
     """Yield each task with its materials' values, shape (M,). Raises `PowerError` unless each has one."""
     if strange := [one.task for one in values if one.task not in (None, *tasks)]:
-        raise PowerError(f"{file}: got a value in task {strange[0]}; allowed: {', '.join(tasks)}, or none; mend it")
+        raise PowerError(
+            file,
+            f"got a value in task {strange[0]}",
+            "correct the task of this value, or delete the task where the value is that of all tasks",
+            allowed=f"{', '.join(tasks)}, or none",
+        )
     for task in tasks:
         given = [one for one in values if one.task in (None, task)]
-        if sorted(one.material for one in given) != sorted(ids):
+        named = [one.material for one in given]
+        if sorted(named) != sorted(ids):
             raise PowerError(
-                f"{file}, task {task}: got values of {', '.join(one.material for one in given) or 'no material'}; "
-                f"allowed: each material of the protocol once: {', '.join(ids)}; mend it"
+                f"{file}, task {task}",
+                f"got values of {', '.join(named) or 'no material'}",
+                " and ".join(_changes(named, ids)),
+                allowed=f"each material of the protocol once: {', '.join(ids)}",
             )
         of = {one.material: one.value for one in given}
         yield task, np.array([of[name] for name in ids], dtype=np.float64)
+
+
+def _changes(named: Sequence[str], ids: Sequence[str]) -> Iterator[str]:
+    """Yield what to add to, and what to delete from, the materials named, so that each of `ids` is there once."""
+    if missing := [one for one in ids if one not in named]:
+        yield f"add a value of {', '.join(missing)}"
+    surplus = [one for place, one in enumerate(named) if one not in ids or one in named[:place]]
+    if surplus:
+        yield f"delete one of {', '.join(surplus)}"
+
+
+def other_study(folder: Path, wanted: str, numbers: str) -> PowerError:
+    """Return the error of a dataset whose answers or materials are not those of the protocol."""
+    remedy = f"give --model the folder of such a study, a TOML file, or two numbers, {numbers}"
+    return PowerError(folder, "got other answers or materials", remedy, allowed=wanted)

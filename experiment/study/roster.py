@@ -388,7 +388,7 @@ class Roster:
         except ValidationError as error:
             raise RosterError(
                 f"got the reason {quoted(str(facts.get('reason')))}",
-                remedy="mend it",
+                remedy="give it again in one such line",
                 allowed=f"one line of 1 to 200 characters, {VISIBLE}",
             ) from error
         with self._writing():

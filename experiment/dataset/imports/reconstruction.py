@@ -120,7 +120,9 @@ def check_texts(where: Path, texts: dict[str, object]) -> None:
     try:
         checked(where, _Texts, texts)
     except ProtocolError as error:
-        raise DatasetError.at(replace(error.findings[0], remedy="mend it")) from error
+        raise DatasetError.at(
+            replace(error.findings[0], remedy="rename the material, or give another source")
+        ) from error
     presented = texts.get("presented")
     for name in presented if isinstance(presented, tuple) else ():
         if name in MISSING:
