@@ -115,7 +115,10 @@ def resampled(times_s: Floats, samples: Floats, lines: Lines) -> Resampled | Non
     if not (steps > 0).all():
         at = int(np.argmin(steps > 0))
         raise RecordingError(
-            f"got a time step of {steps[at]:g} s", "correct the times", allowed="times that rise", line=lines[at + 1]
+            f"got a time step of {steps[at]:g} s",
+            remedy="cut the file there",
+            allowed="times that rise",
+            line=lines[at + 1],
         )
     missing = _missing(steps / median)
     if missing.max() > LONGEST_GAP:

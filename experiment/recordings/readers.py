@@ -4,6 +4,7 @@ The content decides the format; a LabVIEW file names its own separators, and is 
 is stated, or that of a column of times if there is one; a header's is only reported.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -45,6 +46,9 @@ SLOWEST_HZ, FASTEST_HZ = 20.0, 1e7
 """Nobody records a vibration at rates outside of these: another unit of time is more likely."""
 
 AS_STATED = "option --rate"
+
+_LEVELS = re.compile(r"\bdB(FS)? scale\b", re.IGNORECASE)
+"""What Audacity writes above samples that it exported as levels."""
 
 
 @dataclass(frozen=True)
@@ -184,6 +188,8 @@ def _from_columns(content: bytes, text: str, encoding: str, stated: Stated) -> T
         for place, ((name, unit), values) in enumerate(zip(read_as.headings, read_as.values, strict=True), start=1)
     ]
     head = read_as.head
+    if _LEVELS.search(head):
+        columns = [replace(one, unit=one.unit or "dB") for one in columns]
     clocks = _clocks_of_text(read_as, columns, head, stated)
     others = (*clocks, *read_as.stamped, *(at for at, one in enumerate(read_as.headings) if names_times(one)))
     signals = [place for place in range(len(columns)) if place not in others]
@@ -270,6 +276,15 @@ def _from_channels(binary: Format, content: bytes, stated: Stated) -> Table:
     return Table(signals, times, cut=missing)
 
 
+def _refuse_levels(signal: Column) -> None:
+    if signal.unit.lower().startswith("db"):
+        raise RecordingError(
+            f"got levels in {signal.unit} of channel {signal.name!r}",
+            remedy="export the samples on a linear scale",
+            allowed="samples, which swing about their mean",
+        )
+
+
 def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> Recording:
     """Return the channel asked for, at the rate of its column of times, or of its header where it has none."""
     names = tuple(signal.name for signal in table.signals)
@@ -285,6 +300,7 @@ def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> 
             remedy="write the right one into both, in a copy",
             allowed="one unit",
         )
+    _refuse_levels(signal)
     claimed_hz = _claimed_hz(signal, stated)
     source = f"time column {clock.name!r}" if clock is not None else "header, no time column to check it against"
     if stated.rate_hz is not None:

@@ -56,6 +56,9 @@ _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF32_LE: "utf-32", codecs.BO
 _NAMES = {"utf-8": "UTF-8", "utf-8-sig": "UTF-8 with a mark", "utf-16": "UTF-16", "utf-32": "UTF-32",
           "utf-16-le": "UTF-16 without a mark", "utf-16-be": "UTF-16 without a mark"}  # fmt: skip
 _WORDS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", "": "blanks"}
+_MARK_OF_LINE = re.compile("(?:^|(?<=[\r\n]))\ufeff")
+"""The mark of a file; files that were joined have one where each of them begins."""
+
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\n|\r)|[^\r\n]+")
 _COMMENT = re.compile(r"\s*(?:#|%|//)")
 _NUMBERS = {
@@ -220,7 +223,7 @@ def decoded(data: bytes, where: Path | str, stated: Stated = NOTHING_STATED) -> 
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise PalpateError(where, "got U+0000, a zero byte", "export it as text", allowed="text", line=line)
-    return text.removeprefix("\ufeff"), _NAMES.get(encoding, f"{encoding}, as stated")
+    return _MARK_OF_LINE.sub("", text), _NAMES.get(encoding, f"{encoding}, as stated")
 
 
 def _encoding(data: bytes) -> str:

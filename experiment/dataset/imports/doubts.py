@@ -170,7 +170,7 @@ def time_doubts(times: Mapping[str, Sequence[float]], layout: Layout, stated: St
     medians = {who: median(some) for who, some in times.items() if some}
     strange = {who: usual for who, usual in medians.items() if not FASTEST_S <= usual <= SLOWEST_S}
     if not strange:
-        return ()
+        return _slow_doubts([time for some in times.values() for time in some], layout, stated)
     if len(strange) == len(medians):
         usual = median(time for some in times.values() for time in some)
         what = f"got a median response time of {usual:.3g} s, which is implausible"
@@ -182,6 +182,21 @@ def time_doubts(times: Mapping[str, Sequence[float]], layout: Layout, stated: St
     allowed = f"{FASTEST_S:g} to {SLOWEST_S:g} s"
     field = f"column {layout.time}"
     return (Finding(what, field=field, allowed=allowed, remedy=remedy, verdict="warns", check="response times"),)
+
+
+def _slow_doubts(times: Sequence[float], layout: Layout, stated: Stated) -> tuple[Finding, ...]:
+    """Return single times in which nobody answers; a program may write such a number where no answer came."""
+    slow = Counter(time for time in times if time > SLOWEST_S)
+    if not slow:
+        return ()
+    factor = 1.0 if layout.time_s is not None else 1e3
+    options = [word for time in slow for word in ("--missing-time", f"{time * factor:.10g}")]
+    remedy = stated.remedy("if they are none, delete the dataset and say so", *options)
+    if len(slow) > MOST_SCREENS:
+        remedy = f"check {layout.time}"
+    what = f"got {slow.total()} of {len(times)} response times above {SLOWEST_S:g} s, the longest {max(slow):.4g} s"
+    field = f"column {layout.time}"
+    return (Finding(what, field=field, remedy=remedy, verdict="warns", check="response times"),)
 
 
 def _likely_unit(medians: Mapping[str, float], layout: Layout) -> str:

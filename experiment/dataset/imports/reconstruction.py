@@ -90,7 +90,8 @@ def _table(path: Path, stated: Stated) -> Table:
     except PalpateError as error:
         raise DatasetError.saying(error) from error
     if table.header != COLUMNS:
-        raise DatasetError(path, f"line 1: got header {','.join(table.header)!r}", allowed=",".join(COLUMNS))
+        remedy = "name the columns so, and write one line for each cell of a matrix"
+        raise DatasetError(path, f"line 1: got header {','.join(table.header)!r}", remedy, allowed=",".join(COLUMNS))
     return table
 
 

@@ -253,6 +253,22 @@ def test_columns_that_are_no_recording_are_refused(tmp_path: Path, text: str, me
         read(written(tmp_path, text), stated=IN_SECONDS)
 
 
+@pytest.mark.parametrize(
+    ("text", "rate_hz"),
+    [
+        ("Sample Rate: 44100 Hz. Sample values on dB scale. 1 channel (mono).\n\n-6.5\n-7.2\n-80.1\n", 44100.0),
+        ("t (s);level (dB)\n0;-6.5\n0.1;-7.2\n0.2;-80.1\n", None),
+        ("t (s);level (dBFS)\n0;-6.5\n0.1;-7.2\n0.2;-80.1\n", None),
+    ],
+)
+def test_levels_in_db_are_never_taken_for_samples(tmp_path: Path, text: str, rate_hz: float | None) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(RecordingError, match="levels in dB"):
+        read(path, stated=Stated(rate_hz=rate_hz))
+    path = written(tmp_path, text.replace("dB scale", "linear scale").replace("(dB", "(g"))
+    assert read(path, stated=Stated(rate_hz=rate_hz)).samples.tolist() == [-6.5, -7.2, -80.1]
+
+
 @pytest.mark.parametrize("heading", ["t, a", "time (fortnights), a", "timestamp, a"])
 def test_times_in_no_known_unit_are_asked_for(tmp_path: Path, heading: str) -> None:
     """The remedy is the command with the likely unit, and works."""

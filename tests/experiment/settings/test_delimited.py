@@ -129,3 +129,11 @@ def test_an_unclear_decimal_sign_is_asked_for(tmp_path: Path) -> None:
     assert "--decimal" in str(refused.value.finding.remedy)
     table = read_table(path, ["who", "rt"], ["rt"], Stated(decimal=","))
     assert [table.number(row.cells[1]) for row in table.rows] == [1.512, 1.75]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_files_that_were_joined_keep_no_mark(encoding: str, end: str) -> None:
+    """`cat a.csv b.csv` leaves the mark of the second within the text; elsewhere that sign is a letter."""
+    part = f"t;a{end}0;\ufeffx{end}"
+    assert decoded(part.encode(encoding) * 2, "joined.csv")[0] == part * 2

@@ -80,3 +80,15 @@ def test_rows_of_a_screen_without_any_answer_are_a_caution(tmp_path: Path) -> No
     assert isinstance(doubt.remedy, Remedy)
     assert (doubt.check, doubt.remedy.command[-2:]) == ("no answer", ("--leave-out", "kind=cross"))
     assert not read_trials([path], replace(IN_S, leave_out=cells(["kind=cross"]))).doubts
+
+
+@pytest.mark.parametrize(("layout", "late", "code"), [(IN_S, "500", "500"), (IN_MS, "499999", "499999")])
+def test_a_single_time_in_which_nobody_answers_is_doubted_and_its_remedy_takes_it_for_missing(
+    tmp_path: Path, layout: Layout, late: str, code: str
+) -> None:
+    path = _file(tmp_path, [f"cork;{late}", *(["felt;1.5"] if layout is IN_S else ["felt;1500"]) * 6])
+    (doubt,) = read_trials([path], layout, stated=Stated(command=("palpate", "import-trials"))).doubts
+    assert isinstance(doubt.remedy, Remedy)
+    assert (doubt.check, doubt.remedy.command[2:]) == ("response times", ("--missing-time", code))
+    made = read_trials([path], replace(layout, missing_times=(code,)))
+    assert (made.missing_times, made.doubts, len(made.rows)) == (1, (), 7)
