@@ -208,6 +208,8 @@ class _Visit:
         # The order of the tasks is concealed until it is known who takes part.
         if self._identity is not None:
             console.tell(At(task_id, steps))
+        # Nobody waits for a task that an amendment has under another version since the visit began.
+        self._admitted(task_id)
         _wait_for_break(root, protocol, self.allocation, task_id, clock, console)
         self._admitted(task_id)
         planned = scene.plan(protocol=protocol, task_id=task_id)

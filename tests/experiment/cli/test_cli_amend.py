@@ -16,10 +16,11 @@ import palpate as library
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import status, verify
-from palpate.experiment.errors import PalpateError, Remedy, RosterError
+from palpate.experiment.errors import DatasetError, PalpateError, Remedy, RosterError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import chain
+from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.session import run
 from palpate.experiment.study import amendment
 from palpate.experiment.study.admission import admit
@@ -27,6 +28,7 @@ from palpate.experiment.study.roster import Roster
 from tests.approved import anywhere
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.experiment.session.scripted import START_NS, ScriptedConsole
 from tests.faults.wrong import copied
 
 SEAL = ("--approval-number", "18", "--approved-on", "2020-01-01", "--expires-on", "2098-01-01", "--replace", "--yes")
@@ -130,6 +132,24 @@ def test_the_command_that_a_session_proposes_has_all_that_was_given(
     assert sorted(proposed[3:]) == sorted(given)
     code, _, err = palpate(*proposed[1:])
     assert (code, "palpate run" in err) == (2, False)
+
+
+def test_a_visit_stops_where_an_amendment_has_the_next_task_under_another_version(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, (_, second) = shipped("rigs/rehearsal.toml"), study.tasks[0].tasks
+    monkeypatch.setattr(run, "usable_rig", lambda *_: rigs.load(rig))
+    waited: list[object] = []
+    monkeypatch.setattr(run, "_wait_for_break", lambda *given: waited.append(given))
+    console = ScriptedConsole(ManualClock(START_NS), "")
+    visit = run.prepare(study.file, rig, "01", second, study.root, None, console, ("--rig", "rig.toml"))
+    assert palpate(*changed(study, palpate), "--in-progress", "session", "--reconsent", "nobody", "--yes")[0] == 0
+    with pytest.raises(DatasetError) as refused:
+        visit.session(second)
+    remedy = refused.value.finding.remedy
+    assert isinstance(remedy, Remedy)
+    assert remedy.command[:3] == ("palpate", "run", str(storage.protocol_path(study.root, 2)))
+    assert waited == []
 
 
 def test_status_knows_a_session_that_was_run_where_the_amendment_began_a_day_earlier(
