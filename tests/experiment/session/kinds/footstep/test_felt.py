@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from palpate.experiment.apparatus.panel import multisine
 from palpate.experiment.apparatus.panel.movement import Movement
 from palpate.experiment.rehearsal.wires.modes import FINER, respond
 from palpate.experiment.session.kinds.footstep.error_budget import Detailed, ErrorBudget
@@ -84,6 +85,14 @@ def test_a_coil_is_softened_as_much_as_it_was_measured_to_be_at_least() -> None:
     passed = after_soft_coil(noise, measured)
     gain_db = 20 * np.log10(np.dot(noise, passed) / np.dot(noise, noise))
     assert gain_db == pytest.approx(-measured.compression_db, rel=0.05)
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 5000, 48_000, 96_000])
+def test_no_multisine_that_finds_compression_peaks_higher(rate_hz: int) -> None:
+    lines_hz = multisine.lines(rate_hz)
+    for seed in range(5):
+        drawn = multisine.drawn(lines_hz, rate_hz=rate_hz, rng=np.random.default_rng(seed))
+        assert 1 / np.sqrt(np.square(np.abs(drawn)).sum() / 2) <= CREST
 
 
 def test_a_measured_panel_moves_as_a_simulation_in_time_says() -> None:
