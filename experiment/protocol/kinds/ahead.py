@@ -59,6 +59,11 @@ def _too_early(table: Table, at: tuple[str | int, ...], ahead_ms: float) -> Iter
 def facts(ahead: Ahead) -> Iterator[tuple[str, str]]:
     """Yield what the board reads of a vibration before contact."""
     yield (
+        "Worn",
+        "what vibrates is worn on the foot, as the sole of a shoe is, so that it is felt before contact; this is meant "
+        "where this page says that the panel vibrates",
+    )
+    yield (
         "Begins",
         f"{number(-ahead.delay_ms)} ms before contact, which is predicted from how the foot moves below the gate: a "
         "prediction is off by some milliseconds, more if the foot slows down, and each step's record says by how much",

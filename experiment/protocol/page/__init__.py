@@ -431,7 +431,7 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
         (
             "Vibration",
             f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, between samples too, by the measured response "
-            "of the panel with its uncertainty; on a panel that moves 3 dB more or less than that nobody is run",
+            "of the panel with its uncertainty; nobody is run on a panel that moves 3 dB more or less than measured",
         ),
         *force,
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),

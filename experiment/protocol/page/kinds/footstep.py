@@ -7,7 +7,7 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol, Step, Task
 from palpate.experiment.protocol.page.words import KindWords
 
-MOVEMENT = "the height of the foot over time, the speed and time of each step, "
+MOVEMENT = "the foot's height (and place along the panel, if measured) over time, the speed and time of each step, "
 PRESSED = "A sensor under the panel measures how hard the foot presses, until 0.2 s after contact."
 _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coefficients of their spectra"}
 

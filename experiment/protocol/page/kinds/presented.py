@@ -68,7 +68,7 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
         "any stimulus because it cannot carry its frequencies, or of which nobody knows what it carries."
     )
     yield Said(
-        "Nor is one run on a rig on which the limit of vibration changes any of these stimuli. Nobody tells the "
+        "No participant is run on a rig whose limit of vibration changes any of these stimuli. Nobody tells the "
         "participant whether an answer was right."
     )
 

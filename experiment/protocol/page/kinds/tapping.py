@@ -91,10 +91,10 @@ def _force(limit_n: float, virtual: Tapping) -> str:
             "is off is not known."
         )
     said += (
-        ". Where speed is the difference of two samples, a block that is held needs a device with "
-        f"{k / virtual.rate_hz / 2 + c:.4g} N s/m of its own, K T / 2 + C, so that it gives no energy to the hand "
-        "(Colgate and Schenkel 1997); an observer that is told the force it sent needs less, and no participant is "
-        "run on a rig that has less than it needs. "
+        ". A block that is held gives no energy to the hand (Colgate and Schenkel 1997) on a device that has a damping "
+        f"of its own of {k / virtual.rate_hz / 2 + c:.4g} N s/m, K T / 2 + C, where speed is the difference of two "
+        "samples, and with less where an observer is told the force it sent. No participant is run on a rig that has "
+        "less than it needs. "
     )
     if virtual.force_error_max is None:
         return f"{said}No limit is set on how far the force may be off."
