@@ -74,9 +74,10 @@ def files_with(table: str) -> list[str]:
 
 
 def opens_desk() -> bool:
-    """Return whether `palpate` alone opens the desk: at a terminal, in a folder with a protocol."""
+    """Return whether `palpate` alone opens the desk: at a terminal, in an empty folder or one with a protocol."""
     streams = (sys.stdin, sys.stdout, sys.stderr)
-    return all(stream is not None and stream.isatty() for stream in streams) and bool(files_with("study"))
+    at_terminal = all(stream is not None and stream.isatty() for stream in streams)
+    return at_terminal and (not os.listdir() or bool(files_with("study")))  # noqa: PTH208
 
 
 def tell(line: str) -> None:
@@ -110,7 +111,7 @@ def overview() -> str:
         "  -h, --help  Show this message, or the options of the command that it follows.",
         "  --install-completion  Have Tab complete commands and options in this shell.",
         "",
-        "Without a command, in a folder with a protocol: the desk, for a study's usual steps.",
+        "Without a command, in an empty folder or one with a protocol: the desk, for a study's usual steps.",
     ]
     for heading, part in COMMANDS.items():
         lines += ["", f"{heading}:", *(f"  {name:13}  {purpose}" for name, (_, purpose) in part.items())]

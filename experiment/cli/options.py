@@ -19,8 +19,6 @@ from palpate.experiment.settings.characters import hidden, quoted
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from palpate.experiment.protocol.models import Protocol
-
 
 def a_protocol(name: str) -> Path:
     """Return the protocol file that is named, by its path or its id. Raises `PalpateError` for what is neither."""
@@ -128,12 +126,15 @@ def a_day(text: str) -> date:
     )
 
 
-def default_folder(protocol: "Protocol", *, practice: bool) -> Path:
-    """Return where the dataset of a study stands, or that of its practice."""
+def default_folder(protocol_file: Path, *, practice: bool, repetitions: int | None = None) -> Path:
+    """Return where the dataset of a study stands, or that of its practice. Raises `ProtocolError`."""
+    from palpate.experiment.protocol import files
     from palpate.experiment.rehearsal.study import practice_folder
     from palpate.experiment.study import enrolment
 
-    return practice_folder(protocol) if practice else enrolment.default_root(protocol)
+    if practice:
+        return practice_folder(protocol_file, repetitions)
+    return enrolment.default_root(files.load(protocol_file))
 
 
 def palpate_command(*arguments: str) -> list[str]:

@@ -114,7 +114,7 @@ def run(
             allowed="both for a session with a participant",
         )
     protocol = files.load(protocol_file)
-    folder, who = _folder(protocol, dataset, repetitions, practice=practice), participant or "01"
+    folder, who = _folder(protocol_file, dataset, repetitions, practice=practice), participant or "01"
     named = {"--rig": rig, "--recordings": recordings, "--task": task, "--by": by, "--serve": serve, "--port": port}
     given = (*_stated(named), *["--lines"] * lines)
 
@@ -179,12 +179,11 @@ def _stated(named: Mapping[str, object]) -> Iterator[str]:
             yield from (option, str(value))
 
 
-def _folder(protocol: "Protocol", dataset: Path | None, repetitions: int | None, *, practice: bool) -> Path:
+def _folder(protocol_file: Path, dataset: Path | None, repetitions: int | None, *, practice: bool) -> Path:
     """Return where a session's dataset stands. Raises `SessionError` for a study with fewer repetitions."""
     if repetitions and not practice:
         raise SessionError("got --repetitions", remedy="leave it out", allowed="it with --practice alone")
-    folder = dataset or options.default_folder(protocol, practice=practice)
-    return folder.with_name(f"{folder.name}-{repetitions}-of-each") if repetitions and dataset is None else folder
+    return dataset or options.default_folder(protocol_file, practice=practice, repetitions=repetitions)
 
 
 def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practice: bool) -> "View":

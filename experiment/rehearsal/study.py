@@ -1,6 +1,7 @@
 """REHEARSAL of a whole study, and PRACTICE of one session of it, through the ports, the journal and the dataset."""
 
 import errno
+import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -174,9 +175,25 @@ def simulated_rig(protocol: Protocol) -> Path:
     return files.shipped(rehearsal_kind(protocol.tasks[0]).rig(protocol))
 
 
-def practice_folder(protocol: Protocol) -> Path:
-    """Return where practice of a study is kept unless another folder is named."""
-    return Path("participants") / f"practice-{protocol.study.id}"
+def practice_folder(protocol_file: Path, repetitions: int | None) -> Path:
+    """Return where this version of a protocol is practised, with so many repetitions, unless another folder is named.
+
+    It is the first folder without practice of another version. Raises `ProtocolError` as `files.load`.
+    """
+    with shortened(protocol_file, repetitions) as file:
+        protocol = files.load(file)
+    few = f"-{repetitions}-of-each" if repetitions else ""
+    plain = Path("participants") / f"practice-{protocol.study.id}{few}"
+    folders = (plain if one == 1 else plain.with_name(f"{plain.name}-{one}") for one in itertools.count(1))
+    return next(one for one in folders if _version_practised(one) in ("", approval.sha256(protocol)))
+
+
+def _version_practised(folder: Path) -> str:
+    """Return the hash of the protocol that is practised in a folder, empty where none is."""
+    try:
+        return str(storage.json_of(storage.read_bytes(storage.plan_path(folder)))["protocol_sha256"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return "" if not folder.exists() or not any(folder.iterdir()) else "unknown"
 
 
 def practise(

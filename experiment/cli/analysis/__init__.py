@@ -512,10 +512,9 @@ def status_of(study: Path) -> "Status":
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.dataset import status as statuses
     from palpate.experiment.dataset import tables
-    from palpate.experiment.protocol import files
 
     if study.is_file():
-        own, practised = (options.default_folder(files.load(study), practice=one) for one in (False, True))
+        own, practised = (options.default_folder(study, practice=one) for one in (False, True))
         study = practised if practised.exists() and not own.exists() else study
     found = statuses.status(study, day(wall_ns()))
     done = {one.participant for one in found.those("done")}

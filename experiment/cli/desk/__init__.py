@@ -37,8 +37,8 @@ def desk(
     It lists what can be done: write, check and seal a protocol; choose, calibrate and check a rig; pilot, enrol, ask
     for facts, consent; practise, begin, resume, record incidents, withdraw; amend, suspend; analyse, verify and share.
     What cannot be done now is grey, with the reason and the way to it. Enter runs the command that is chosen, and the
-    desk comes back after it. What is concealed stays so. `palpate` alone opens the desk in a folder with a
-    protocol.
+    desk comes back after it. What is concealed stays so. `palpate` alone opens the desk in an empty
+    folder, or one with a protocol.
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         status = ("palpate", "status", str(dataset or study or "STUDY"))
@@ -85,7 +85,7 @@ def screen(
 
     settings = (rigs.load(rig).screen if rig else None) or ScreenRig()
     protocol = files.load(protocol_file)
-    folder = dataset or options.default_folder(protocol, practice=practice)
+    folder = dataset or options.default_folder(protocol_file, practice=practice)
     path = session_at or transport.place(folder, participant)
     screens.show(
         path,

@@ -12,13 +12,12 @@ from pathlib import Path
 from palpate.experiment.cli import files_with
 from palpate.experiment.cli.desk import board
 from palpate.experiment.cli.desk.place import Place
-from palpate.experiment.cli.desk.study import DOES, Study, as_findings, day_field, deed, one_of
+from palpate.experiment.cli.desk.study import DOES, SHORT, Study, a_count, as_findings, day_field, deed, one_of
 from palpate.experiment.desk.console.home import NO, Deed, Field, Scene
 from palpate.experiment.desk.terminal import TerminalConsole
 from palpate.experiment.errors import Finding, PalpateError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sealing
-from palpate.experiment.rehearsal.study import practice_folder
 from palpate.experiment.session import run
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.study import amendment, approvals, enrolment
@@ -253,12 +252,21 @@ def _consent(study: Study) -> Deed:
 
 
 def _practise(study: Study) -> Deed:
-    who, task = study.left_to_practise()
-    of = ("--dataset", str(study.practised)) if study.practised != practice_folder(study.protocol) else ()
-    fields = (Field("Task", "--task", task, wanted=False), Field("Participant", "--participant", who))
-    hint = f"Tasks: {', '.join(one.id for one in study.protocol.tasks)}; empty: all. Nothing here is data of the study."
+    practice, tasks = study.practice, [one.id for one in study.protocol.tasks]
+    who, task = practice.left or (labels(study.protocol)[-1], tasks[-1])
+    often = practice.repetitions
+    fields = (
+        Field("Repetitions", "--repetitions", str(often or ""), wanted=False, check=a_count),
+        Field("Task", "--task", task, wanted=False),
+        Field("Participant", "--participant", who),
+    )
+    every = study.protocol.trials(study.protocol.task(task))
+    hint = f"Repetitions: of each stimulus or pair; {SHORT}: {study.short.trials(task)} trials; empty: all {every}. "
+    hint += f"Tasks: {', '.join(tasks)}; empty: all. Nothing here is data of the study."
     lines = tuple(word for word in study.place.session if word == "--lines")
-    return deed("practise", "run", str(study.file), "--practice", *of, *lines, fields=fields, hint=hint)
+    does = f"Practise {practice.trials(task)} of {every} trials with a simulated participant."
+    found = deed("practise", "run", str(study.file), "--practice", *lines, fields=fields, hint=hint)
+    return replace(found, does=does) if often else found
 
 
 def _session(study: Study, name: str) -> Deed:

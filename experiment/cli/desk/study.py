@@ -1,9 +1,8 @@
 """A study with what its files say today, and what the desk calls each thing that can be done with it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import date
 from functools import cached_property
-from itertools import count
 from pathlib import Path
 
 from palpate.experiment import storage
@@ -19,13 +18,14 @@ from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.progress import progress
+from palpate.experiment.rehearsal.shorter import shortened
 from palpate.experiment.rehearsal.study import PRACTICE_SEED, practice_folder
 from palpate.experiment.session import run
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.study import enrolment
 from palpate.experiment.study.people import enrolling
 from palpate.experiment.study.roster import Roster
-from palpate.experiment.study.schedule import allocate
+from palpate.experiment.study.schedule import allocate, labels
 
 DOES = {
     "new": "Write a new protocol.",
@@ -53,6 +53,9 @@ DOES = {
     "share": "Write a copy of the dataset for others.",
 }
 """What a desk does, in the order of a study."""
+
+SHORT = 1
+"""Repetitions of the first practice: it takes a minute or two, and a whole session ten."""
 
 
 class Study:
@@ -134,45 +137,58 @@ class Study:
         return status_of(self.root) if self.roster.consent_on else None
 
     @cached_property
-    def practised(self) -> Path:
-        """Where this version of the protocol is practised: the first folder without practice of another one."""
-        plain, own = practice_folder(self.protocol), approval.sha256(self.protocol)
-        numbered = (plain.with_name(f"{plain.name}-{number}") for number in count(2))
-        return next(one for one in _and_then(plain, numbered) if _version_practised(one) in ("", own))
+    def practice(self) -> "Practice":
+        """The practice that comes next: a short one of the first participant's tasks, then whole sessions."""
+        whole, short = Practice(self.file, None), self.short
+        fewer = any(short.trials(one.id) < whole.trials(one.id) for one in self.protocol.tasks)
+        first = labels(self.protocol)[0]
+        return short if fewer and not whole.begun and short.left and short.left[0] == first else whole
+
+    @cached_property
+    def short(self) -> "Practice":
+        """A practice with few trials."""
+        return Practice(self.file, SHORT)
 
     def check_current(self) -> None:
         """Raise as `palpate enrol` does of another version, or while the study is suspended or ended."""
         enrolment.check_known(self.root, self.file, self.protocol)
         enrolling.check_current(self.root, self.protocol, self.roster, ("palpate", "enrol"))
 
-    def left_to_practise(self) -> tuple[str, str]:
-        """Return whose practice comes next, and of which task; the last of all once nothing is left."""
-        who, task = "", ""
-        for one in allocate(self.protocol, PRACTICE_SEED):
-            for task in one.tasks:
-                who = one.participant
-                begun = journal.read_if_begun(storage.journal_path(self.practised, who, task)).entries
-                if not (begun and progress(begun).complete):
-                    return who, task
-        return who, task
-
     @cached_property
     def data(self) -> Path | None:
         """The dataset of the study or, before its first session, of its practice; None before that too."""
-        return next((one for one in (self.root, self.practised) if any(map(storage.size, storage.journals(one)))), None)
+        folders = (self.root, *(practice_folder(self.file, often) for often in (None, SHORT)))
+        return next((one for one in folders if _is_begun(one)), None)
 
 
-def _and_then(first: Path, others: Iterator[Path]) -> Iterator[Path]:
-    yield first
-    yield from others
+class Practice:
+    """What is practised of a protocol, with so many repetitions; None for a session as long as the study's."""
+
+    def __init__(self, protocol_file: Path, repetitions: int | None) -> None:
+        """Read what was practised. Raises `ProtocolError`."""
+        self.repetitions = repetitions
+        self.folder = practice_folder(protocol_file, repetitions)
+        with shortened(protocol_file, repetitions) as file:
+            self._protocol = files.load(file)
+        self.begun = _is_begun(self.folder)
+
+    def trials(self, task: str) -> int:
+        """Return how many trials a task has."""
+        return self._protocol.trials(self._protocol.task(task))
+
+    @cached_property
+    def left(self) -> tuple[str, ...]:
+        """Whose practice comes next, and of which task; nothing once nothing is left."""
+        for one in allocate(self._protocol, PRACTICE_SEED):
+            for task in one.tasks:
+                begun = journal.read_if_begun(storage.journal_path(self.folder, one.participant, task)).entries
+                if not (begun and progress(begun).complete):
+                    return one.participant, task
+        return ()
 
 
-def _version_practised(folder: Path) -> str:
-    """Return the hash of the protocol that is practised in a folder, empty where none is."""
-    try:
-        return str(storage.json_of(storage.read_bytes(storage.plan_path(folder)))["protocol_sha256"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return "" if not folder.exists() or not any(folder.iterdir()) else "unknown"
+def _is_begun(folder: Path) -> bool:
+    return any(map(storage.size, storage.journals(folder)))
 
 
 def deed(
@@ -199,6 +215,12 @@ def as_findings(check: Callable[[], object]) -> tuple[Finding, ...]:
 def day_field(name: str, option: str, text: str = "", *, wanted: bool = True) -> Field:
     """Return a field for a day, as YYYY-MM-DD."""
     return Field(name, option, text, wanted, check=options.a_day)
+
+
+def a_count(text: str) -> None:
+    """Refuse a text that is no number from 1 on, as a field's `check`."""
+    if not (text.isdecimal() and int(text)):
+        raise PalpateError(f"got {quoted(text)}", remedy="type one, or leave it empty", allowed="a number from 1 on")
 
 
 def one_of(*allowed: str) -> Callable[[str], None]:

@@ -142,11 +142,13 @@ class Blanks(Vertical):
         """Show a form's fields as they are at first; what is typed goes to the first that is empty."""
         self.query_one("#title", Static).update(Text(form.title, style="bold"))
         self.query_one("#hint", Static).update(picture.hint(form.hint, form.does, fields=len(form.blanks)))
+        wide = 1 + max((len(blank.name) for blank in form.blanks), default=0)
         for number, row in enumerate(self.query(Horizontal)):
             row.display = number < len(form.blanks)
             if row.display:
-                blank, field = form.blanks[number], row.query_one(Input)
-                row.query_one(Label).update(blank.name)
+                blank, field, name = form.blanks[number], row.query_one(Input), row.query_one(Label)
+                name.update(blank.name)
+                name.styles.width = wide
                 field.restrict = blank.takes
                 field.value = blank.text
         self.display = True

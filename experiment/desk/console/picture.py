@@ -265,7 +265,7 @@ def question_text(question: Asked | None, now: Phase, lay_out: str, heard: str, 
 def trace(values: tuple[float, ...], unit: str, width: int, rows: int) -> Text:
     """Return a trace as bars, the newest at the right; its lowest line is 0, or the least value below."""
     if not values:
-        return Text("No trace", style=DIM)
+        return Text("No movement", style=DIM)
     low, high = min(0.0, *values), max(values)
     span = (high - low) or 1.0
     scale = f"{high:.0f} {unit}"
@@ -281,9 +281,8 @@ def trace(values: tuple[float, ...], unit: str, width: int, rows: int) -> Text:
 def gauges(told: Gauges, roomy: bool, width: int) -> Text:
     """Return the measured values in words, movement only where it is measured; faulty parts come with lamps."""
     text = Text()
-    if told.trace_unit:
-        moved = f"Last: {told.last}" if told.last else "No movement yet"
-        text.append(f"{moved}\n")
+    if told.trace_unit and told.last:
+        text.append(f"Last: {told.last}\n")
     if told.masker_limit_db_a is not None:
         level = "silent" if told.masker_db_a is None else f"{told.masker_db_a:.0f} dB(A)"
         most = f", at most {told.masker_limit_db_a:.0f}" if roomy else ""

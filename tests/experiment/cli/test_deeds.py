@@ -15,8 +15,9 @@ from typing import TextIO
 import pytest
 
 from palpate.experiment import __main__, cli, storage
-from palpate.experiment.cli.desk import deeds, home
+from palpate.experiment.cli.desk import deeds, home, study
 from palpate.experiment.cli.desk.place import Place
+from palpate.experiment.cli.desk.study import Practice
 from palpate.experiment.desk.console.home import Chosen, HomePage, Scene
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol import approval, files
@@ -26,8 +27,11 @@ from palpate.experiment.protocol.new import text as new_protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.kinds.footstep import participant
+from palpate.experiment.rehearsal.shorter import shortened
+from palpate.experiment.rehearsal.study import PRACTICE_SEED, practice_folder
 from palpate.experiment.study import enrolment, roster
 from palpate.experiment.study.people import enrolling
+from palpate.experiment.study.schedule import allocate
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 from tests.rig.laboratory import HURRIED, write_rig
@@ -190,15 +194,59 @@ def test_what_only_looks_or_is_refused_writes_nothing(folder: Path, small: Path,
     assert files.load(storage.protocol_path(root)).study.title == "A draft"
 
 
-def test_practice_of_an_older_version_is_left_where_it_is(folder: Path, small: Path) -> None:
-    plan = storage.plan_path(folder / "participants" / "practice-small")
-    plan.parent.mkdir(parents=True)
-    plan.write_text('{"protocol_sha256": "of another version"}', "utf-8")
-    line = deeds.scene(Place.here()).deed("practise").line(("", "01"))
-    assert line == (
-        *("palpate", "run", "small.toml", "--practice", "--dataset", "participants/practice-small-2"),
-        *("--participant", "01"),
-    )
+def practised(file: Path, repetitions: int | None, *tasks: str, version: str = "") -> Path:
+    """Have the first participant's tasks practised, or one begun of another version of the protocol."""
+    folder = practice_folder(file, repetitions)
+    plan = storage.plan_path(folder)
+    plan.parent.mkdir(parents=True, exist_ok=True)
+    with shortened(file, repetitions) as short:
+        storage.write_json(plan, {"protocol_sha256": version or approval.sha256(files.load(short))})
+    for task in tasks:
+        path = storage.journal_path(folder, "01", task)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"\n")
+    return folder
+
+
+@pytest.mark.parametrize("repetitions", [None, 1, 2])
+def test_practice_of_an_older_version_is_left_where_it_is(small: Path, repetitions: int | None) -> None:
+    old = practised(small, repetitions, version="of another version")
+    assert practice_folder(small, repetitions) == old.with_name(f"{old.name}-2")
+    assert practised(small, repetitions) == practised(small, repetitions) == old.with_name(f"{old.name}-2")
+
+
+def test_the_first_practice_is_short_and_the_next_whole(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, short = Practice(small, None), Practice(small, 1)
+    trials = {task.id: (short.trials(task.id), whole.trials(task.id)) for task in files.load(small).tasks}
+    assert trials == {"one": (2, 6), "two": (2, 4)}
+    complete: set[Path] = set()
+
+    def begun(path: Path) -> SimpleNamespace:
+        return SimpleNamespace(entries=[path] if path in complete else [])
+
+    monkeypatch.setattr(study, "progress", lambda _: SimpleNamespace(complete=True))
+    monkeypatch.setattr("palpate.experiment.cli.desk.study.journal.read_if_begun", begun)
+
+    def proposed() -> tuple[str, ...]:
+        return tuple(field.text for field in deeds.scene(Place.here()).deed("practise").fields)
+
+    first, second = allocate(files.load(small), PRACTICE_SEED)[0].tasks
+    assert proposed() == ("1", first, "01")
+    few, many = trials[first]
+    assert f"{few} of {many} trials" in deeds.scene(Place.here()).deed("practise").does
+    for task, then in ((first, ("1", second, "01")), (second, ("", first, "01"))):
+        complete.add(storage.journal_path(practised(small, 1, task), "01", task))
+        assert proposed() == then
+    complete.clear()
+    assert deeds.scene(Place.here()).deed("analyse").command[-1] == str(practice_folder(small, 1))
+    assert proposed()[0] == "1"
+    practised(small, None, first)
+    # What is under way is continued.
+    assert proposed() == ("", first, "01")
+    with pytest.raises(PalpateError):
+        deeds.scene(Place.here()).deed("practise").line(("0", "", "01"))
+    line = deeds.scene(Place.here()).deed("practise").line(("2", "", "01"))
+    assert line[2:] == ("small.toml", "--practice", "--repetitions", "2", "--participant", "01")
 
 
 def test_a_pilot_is_enrolled_apart_and_the_desk_goes_back(small: Path, palpate: Palpate) -> None:
@@ -300,7 +348,7 @@ def test_a_rig_is_chosen_or_written(folder: Path, small: Path) -> None:
     assert (refused, "our.txt" in said) == (place, True)
 
 
-def test_palpate_alone_is_the_desk_at_a_terminal_with_a_study(
+def test_palpate_alone_is_the_desk_at_a_terminal_with_a_study_or_in_an_empty_folder(
     small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     began: list[list[str]] = []
@@ -317,6 +365,8 @@ def test_palpate_alone_is_the_desk_at_a_terminal_with_a_study(
     assert alone(terminal=True) == ""
     assert began == [["palpate", "desk"]]
     small.unlink()
+    assert alone(terminal=True) == ""
+    Path("of-another-trade.txt").touch()
     assert alone(terminal=True).startswith("Usage")
 
 
@@ -395,8 +445,6 @@ def test_from_an_empty_folder_to_a_practised_session_in_the_desk_alone(
         """Answer the questions of `palpate new`, and key what the participant says."""
         nonlocal shown
         shown += capsys.readouterr().out + asked
-        if "How often a task presents each material" in asked:
-            return "1"
         if "Its tasks" in asked:
             return "virtual"
         if (again := re.search(r"type (\S) again", asked)) is not None:
@@ -408,6 +456,7 @@ def test_from_an_empty_folder_to_a_practised_session_in_the_desk_alone(
 
     monkeypatch.setattr("builtins.input", typed)
     said = at_desk(iter([("enter",), ("enter", "enter"), ("f9",)]))
-    entries = journal.read(storage.journal_path(Path("participants/practice-mystudy"), "01", "virtual")).entries
+    short = Path("participants/practice-mystudy-1-of-each")
+    entries = journal.read(storage.journal_path(short, "01", "virtual")).entries
     assert progress(entries).complete
     assert len(said) == 2

@@ -174,3 +174,10 @@ def test_a_study_that_cannot_be_read_is_told_and_read_again(error: Exception) ->
     shown(wanted="cannot be", read=read)
     found.clear()
     assert "cannot be" not in shown("f5", wanted="Steps on sand", read=read).text
+
+
+def test_a_form_shows_the_whole_name_of_each_field() -> None:
+    name = "Number of the board's letter"
+    seal = Deed("seal", "Record the approval.", ("palpate", "seal"), (Field("Day", "--on"), Field(name, "--number")))
+    there = shown("s", "enter", wanted="Day", read=lambda: replace(SCENE, deeds=(*SCENE.deeds, seal))).text
+    assert name in there

@@ -199,3 +199,8 @@ def test_answers_are_counted_by_material_and_so_are_those_left_out(width: int, r
     told = MEASURED.model_copy(update={"tallies": (tally,), "answered": 13})
     answers = [Choice(key=name[0], words=name) for name in ("felt", "cork")]
     assert picture.results(told, answers, width).plain.split("\n")[1:] == [*rows, "other answers: 1"]
+
+
+def test_that_nothing_has_moved_yet_is_shown_once() -> None:
+    beside = picture.gauges(Gauges(left_s=60.0, trace_unit="mm"), True, 40)
+    assert (picture.trace((), "mm", 20, 2).plain + beside.plain).lower().count("movement") == 1
