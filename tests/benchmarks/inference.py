@@ -113,7 +113,7 @@ def _normal_nodes() -> tuple[Floats, Floats]:
 
 def at_share(wanted: float, sd: float) -> float:
     """The log odds at which the mean share of right answers is the one wanted."""
-    low, high = -6.0, 6.0
+    low, high = -20.0, 20.0
     while high - low > 1e-10:
         middle = (low + high) / 2
         low, high = (middle, high) if mean_share(middle, sd) < wanted else (low, middle)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.analysis.statistics.shares import difference_limits, population_limits, share_limits
+from tests.benchmarks.inference import at_share, mean_share
 from tests.benchmarks.many_intervals import difference_ends, holds_any, share_ends
 
 PATTERNS = ([10], [40], [5, 10, 20, 40])
@@ -36,3 +37,9 @@ def test_differences_of_many_studies_are_those_of_each(share: float) -> None:
     for study, own in enumerate(right):
         limits = difference_limits(own, trials, own[0] / trials[0] - own[1] / trials[1])
         assert (low[study], high[study]) == pytest.approx((limits.low, limits.high), abs=1e-4)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.99])
+@pytest.mark.parametrize("sd", [0.0, 2.0])
+def test_studies_are_drawn_about_the_share_that_intervals_are_to_hold(share: float, sd: float) -> None:
+    assert mean_share(at_share(share, sd), sd) == pytest.approx(share, abs=1e-9)
