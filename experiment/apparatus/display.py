@@ -171,18 +171,39 @@ ButtonName = Annotated[
 ]
 
 
+def _buttons_rules(table: Any) -> Iterator[Broken]:
+    """Either `baud` or `codes` is there; `codes` has one for each of the `names`, and each code once."""
+    names, codes = table.get("names"), table.get("codes")
+    if (table.get("baud") is None) == (codes is None):
+        yield Broken(("baud",), "baud for a board on a serial line, or codes for an input device of Linux")
+    if isinstance(codes, list | tuple) and isinstance(names, list | tuple):
+        if len(codes) != len(names):
+            yield Broken(("codes",), f"{len(names)} codes, one for each name")
+        if len(set(map(str, codes))) < len(codes):
+            yield Broken(("codes",), "each code once")
+
+
 class ButtonsRig(Confined):
-    """The participant's buttons for answers, on their own serial line.
+    """The participant's buttons for answers: a board on its own serial line, or an input device (HID) of Linux.
 
     Attributes:
-        port: device path, or URL for pyserial.
-        baud: bits a second.
-        names: what the board sends: the keys of the answers.
+        port: device path, or URL for pyserial; of an input device its event file.
+        baud: bits a second of a board.
+        names: the keys of the answers, which a board sends.
+        codes: of an input device: what Linux calls the button of each name (`palpate doctor --press`).
     """
 
+    RULES: ClassVar[Rules] = _buttons_rules
+
     port: Line
-    baud: Annotated[int, Field(ge=1200, le=12_000_000)]
+    baud: Annotated[int, Field(ge=1200, le=12_000_000)] | None = None
     names: Annotated[tuple[ButtonName, ...], Field(min_length=2)]
+    codes: tuple[Annotated[int, Field(ge=1, le=767)], ...] | None = None
+
+    @property
+    def named(self) -> dict[int, str]:
+        """The names of an input device's buttons by their codes; none of a board."""
+        return dict(zip(self.codes or (), self.names, strict=False))
 
 
 class PedalRig(Confined):

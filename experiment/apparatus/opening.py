@@ -197,7 +197,10 @@ def open_buttons(
     settings = needed(rig, "buttons", rig.buttons, "add it", "because answers.mode is 'keys'")
     if settings.port == REHEARSAL:
         raise RigError.at(simulated_only(rig, "buttons.port"))
-    return cast("Buttons", box(settings.port, settings.baud, clock=clock))
+    if settings.baud is not None:
+        return cast("Buttons", box(settings.port, settings.baud, clock=clock))
+    events = import_module("palpate.experiment.apparatus.wires.events").EventButtons
+    return cast("Buttons", events(settings.port, settings.named, clock=clock, recorded=rig.rig.simulated))
 
 
 def open_actuator(

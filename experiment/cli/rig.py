@@ -77,6 +77,10 @@ def doctor(
         bool,
         typer.Option("--compare-panel", help="Compare the panel with its measurement too, which shakes it for 4 s."),
     ] = False,
+    press: Annotated[
+        int,
+        typer.Option("--press", min=0, max=100, help="How often somebody presses each of the participant's buttons."),
+    ] = 0,
     as_json: Json = False,
 ) -> None:
     """Check a rig before a session.
@@ -84,8 +88,9 @@ def doctor(
     Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback,
     actuator, force device (which pushes nothing), disk and clocks are checked through the drivers that sessions
     use. With --protocol it also shows what the rig leaves out of the recorded vibrations: red where that is more than
-    the protocol allows, as is a rig that renders no virtual block, or does not bear it. Each check is green, or red
-    with its remedy. The exit code is 2 if any check is red.
+    the protocol allows, as is a rig that renders no virtual block, or does not bear it. With --press somebody presses
+    the participant's buttons: how late presses are read is measured, and a button that sends nothing is red. Each check
+    is green, or red with its remedy. The exit code is 2 if any check is red.
     """
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.apparatus.doctor import doctor as doctors
@@ -100,6 +105,8 @@ def doctor(
         audio = rigs.load(rig).audio
         if compare_panel or (audio is not None and audio.channels.loopback is not None):
             typer.echo("Keep feet and hands off the panel: these checks move it.", err=True)
+    if press:
+        typer.echo(f"Have each of the participant's buttons pressed {press} times: the checks wait for it.", err=True)
     examined = doctors.examine(
         rig_path=rig,
         protocol_path=protocol,
@@ -107,6 +114,7 @@ def doctor(
         clock=MonotonicClock(),
         simulate=simulated_far_ends,
         may_move=compare_panel,
+        presses=press,
     )
     report = Report(rig)
     for check in chain(examined, omissions(rig, protocol, dataset, recordings)):

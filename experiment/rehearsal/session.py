@@ -314,7 +314,8 @@ def simulated_far_ends(rig: rigs.Rig, opened: ExitStack) -> SimulatedPorts:
 
         force = opened.enter_context(ForceDeviceProcess()).address
     pedal = opened.enter_context(SimulatedPedal()).url if rig.pedal is not None else None
-    box = SimulatedButtons(MonotonicClock(), beats=True) if rig.buttons is not None else None
+    is_simulated = rig.buttons is not None and rig.buttons.port == rigs.REHEARSAL
+    box = SimulatedButtons(MonotonicClock(), beats=True) if is_simulated else None
     buttons = opened.enter_context(box).url if box is not None else None
     ends = SimulatedPorts(port=port, address=address, force=force, pedal=pedal, buttons=buttons)
     if rig.audio is None:

@@ -1,19 +1,21 @@
-"""Levels that follow from answers: run `python -m tests.benchmarks.levels [SESSIONS]`.
+"""Levels that follow from answers: run `python -m tests.benchmarks.levels [FILE] [SESSIONS]`.
 
 How long the next level takes by QUEST+ and psi on a grid with slope and lapse free, from the answer on, by the clock
 and of the processor. Then SIMULATED observers of a known threshold, with four spreads and lapses of 0 to 5 %: bias and
-SD of the threshold by the rule, and by a second simulation of it that knows neither states nor information, with the
-same random numbers; and how often the interval of the psychometric fit of a session holds the true threshold. Not a
-test: it asserts nothing.
+SD of the fitted threshold; how many of the first 20 sessions have the same levels in a second simulation of the rule
+that knows neither states nor information, with the same random numbers; and how often the interval of the fit holds the
+true threshold. A row is appended to the file for each cell that it has not yet: stop and start as you like. Not a test:
+it asserts nothing.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise, product
-from math import log10, sqrt
+from math import log10
+from pathlib import Path
 from statistics import NormalDist
 from typing import Any
 
@@ -21,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from palpate.analysis.statistics.psychophysics.psychometric import fit
+from palpate.analysis.statistics.inference import CONFIDENCE, wilson
+from palpate.analysis.statistics.psychophysics.psychometric import COARSE, FINE, MOST_LAPSES, OF_LAPSES, fit
 from palpate.experiment.protocol.models import Levels
 from palpate.experiment.study.levels import psi
 from palpate.experiment.study.levels.quest_plus import QuestPlus
@@ -109,17 +112,53 @@ def quest_again(rule: Levels, draws: Array, spread_db: float, lapse: float) -> S
     return levels, right
 
 
-def fitted(session: Session) -> tuple[float, bool]:
-    """The threshold of a session by its fit, dB, and whether the interval holds the true one."""
+def counted(session: Session) -> tuple[Array, Array]:
+    """Return right answers and trials at each level of the grid."""
     levels, right = (np.array(one) for one in session)
     of = [levels == level for level in GRID]
-    found = fit(
-        20 * np.log10(np.array(GRID)),
-        np.array([float(right[one].sum()) for one in of]),
-        np.array([float(one.sum()) for one in of]),
-        guess=GUESS,
-    ).threshold
-    return found.value, found.low <= THRESHOLD_DB <= found.high
+    return np.array([float(right[one].sum()) for one in of]), np.array([float(one.sum()) for one in of])
+
+
+X_DB = 20 * np.log10(np.array(GRID))
+STEP_DB, BATCH = 0.5, 50
+THRESHOLDS_DB, LOG_SPREADS = np.arange(-60.0, 20.01, STEP_DB), np.linspace(np.log(0.4), np.log(100.0), 51)
+HALF = (LOG_SPREADS[1] - LOG_SPREADS[0]) / 2
+MISSED = np.linspace(0, MOST_LAPSES, COARSE[2])
+
+
+def intervals(sessions: Sequence[Session]) -> Array:
+    """Return median, low and high limit of the threshold of each session, dB, shape (3, sessions).
+
+    As `psychometric.fit` has them, on one grid for all sessions instead of two for each.
+    """
+    z = (X_DB[:, None, None] - THRESHOLDS_DB[:, None]) / np.exp(LOG_SPREADS)
+    share = (GUESS + (1 - GUESS - MISSED) * ndtr(z)[..., None]).reshape(len(GRID), -1)
+    right, wrong = np.log(share), np.log(np.maximum(1 - share, 1e-300))
+    prior = (OF_LAPSES - 1) * np.log1p(-MISSED)
+    edges = np.append(THRESHOLDS_DB, THRESHOLDS_DB[-1] + STEP_DB) - STEP_DB / 2
+    cells = np.append(LOG_SPREADS - HALF, LOG_SPREADS[-1] + HALF)
+    found = []
+    for first in range(0, len(sessions), BATCH):
+        counts = [counted(one) for one in sessions[first : first + BATCH]]
+        hits, every = (np.array(of) for of in zip(*counts, strict=True))
+        logs = (hits @ right + (every - hits) @ wrong).reshape(len(hits), len(THRESHOLDS_DB), len(LOG_SPREADS), -1)
+        for log, trials in zip(logs + prior, every, strict=True):
+            used = X_DB[trials > 0]
+            span, ends = float(np.ptp(used)), (np.log(np.diff(used).min() / 4), np.log(2 * np.ptp(used)))
+            # What of each cell is between the bounds, and half a step of `fit` beyond them.
+            beyond = (ends[1] - ends[0]) / (FINE[1] - 1) / 2
+            inside = np.diff(np.clip(cells, ends[0] - beyond, ends[1] + beyond))
+            weight = np.exp(log - log.max()).sum(axis=2) @ inside
+            weight[(used.min() - span / 2 > THRESHOLDS_DB) | (used.max() + span / 2 < THRESHOLDS_DB)] = 0
+            below = np.append(0.0, np.cumsum(weight)) / weight.sum()
+            found.append(np.interp([0.5, (1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], below, edges))
+    return np.array(found).T
+
+
+def off_fit(sessions: Sequence[Session]) -> float:
+    """Return by how much a limit or a median of some sessions is off that of their own fits, dB, at most."""
+    own = [fit(X_DB, *counted(one), guess=GUESS).threshold for one in sessions]
+    return float(np.abs(intervals(sessions) - np.array([(one.value, one.low, one.high) for one in own]).T).max())
 
 
 def next_levels(method: QuestPlus, trials: int) -> Array:
@@ -145,29 +184,46 @@ RULES: dict[str, tuple[Any, Callable[[Levels, Array, float, float], Session]]] =
 }
 
 
-def main(sessions: int) -> None:
+COLUMNS = (
+    "rule,spread_db,lapse,sessions,bias_db,sd_db,same_tracks_of_20,off_fit_db,held,coverage,coverage_low,coverage_high"
+)
+AGAIN = 20
+"""So many sessions of a cell are simulated by the second simulation, and fitted one by one, too."""
+
+
+def cell(name: str, spread_db: float, lapse: float, sessions: int) -> str:
+    """Return a row of the table: sessions of one rule and observer, each fitted."""
+    rule, again = RULES[name]
+    every, same = list[Session](), 0
+    for seed in range(sessions):
+        draws = np.random.default_rng((seed, int(10 * spread_db), int(100 * lapse))).random(TRIALS)
+        every.append(by_method(rule, draws, spread_db, lapse))
+        if seed < AGAIN:
+            same += every[-1] == again(rule.levels, draws, spread_db, lapse)
+    value, low, high = intervals(every)
+    off, held = value - THRESHOLD_DB, int(((low <= THRESHOLD_DB) & (high >= THRESHOLD_DB)).sum())
+    share = wilson(held, sessions)
+    of_fit = f"{off.mean():.3f},{off.std(ddof=1):.3f},{same},{off_fit(every[:AGAIN]):.3f},{held}"
+    covers = f"{held / sessions:.4f},{share.low:.4f},{share.high:.4f}"
+    return f"{name},{spread_db:g},{lapse:g},{sessions},{of_fit},{covers}"
+
+
+def main(file: Path | None, sessions: int) -> None:
     for name, method in (("QUEST+", QuestPlus(EXPECTED)), ("psi", psi.method(EXPECTED))):
         for by, took in zip(("the clock", "the processor"), next_levels(method, 2000), strict=True):
             p99 = np.quantile(took, 0.99)
             print(f"next level by {name}, ms of {by}: median {np.median(took):.2f}, 99 % within {p99:.2f}")
-    print(f"SIMULATED: {sessions} sessions of {TRIALS} trials, threshold {THRESHOLD_DB:g} dB, guess {GUESS:g}")
-    print("rule          spread  lapse    bias     SD   again: bias     SD   in interval")
-    for (name, (rule, again)), spread_db, lapse in product(RULES.items(), SPREADS_DB, LAPSES):
-        found, repeated, held = [], [], 0
-        for seed in range(sessions):
-            draws = np.random.default_rng((seed, int(10 * spread_db), int(100 * lapse))).random(TRIALS)
-            one, other = by_method(rule, draws, spread_db, lapse), again(rule.levels, draws, spread_db, lapse)
-            value, inside = fitted(one)
-            found.append(value)
-            held += inside
-            repeated.append(value if one == other else fitted(other)[0])
-        own, second = (np.array(of) - THRESHOLD_DB for of in (found, repeated))
-        share, error = held / sessions, sqrt(held * (sessions - held) / sessions**3)
-        print(
-            f"{name:13} {spread_db:5.1f}  {lapse:5.2f}  {own.mean():+6.2f} {own.std(ddof=1):6.2f}"
-            f"   {second.mean():+11.2f} {second.std(ddof=1):6.2f}   {100 * share:.0f} % (± {100 * error:.0f})"
-        )
+    print(f"SIMULATED: sessions of {TRIALS} trials, threshold {THRESHOLD_DB:g} dB, guess {GUESS:g}")
+    rows = file.read_text("utf-8").splitlines() if file is not None and file.exists() else [COLUMNS]
+    done = {tuple(row.split(",")[:4]) for row in rows}
+    for name, spread_db, lapse in product(RULES, SPREADS_DB, LAPSES):
+        if (name, f"{spread_db:g}", f"{lapse:g}", str(sessions)) in done:
+            continue
+        rows.append(cell(name, spread_db, lapse, sessions))
+        print(rows[-1], flush=True)
+        if file is not None:
+            file.write_text("\n".join(rows) + "\n", "utf-8")
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100)
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None, int(sys.argv[2]) if len(sys.argv) > 2 else 100)

@@ -114,6 +114,13 @@ def _answers(study: Study, found: Detections, stands: plan.Standing) -> Section:
 def _answer(test: str, task: TaskDetections) -> str:
     """Return the answer of one task in a sentence."""
     if test == SENSITIVITY:
+        if means := results.mean_d(task):
+            of = [
+                f"the mean d' of {signal} is {number(one.value, 2)} ({span(one.low, one.high, 2)}) in "
+                f"{plural(one.n, 'participant')}"
+                for signal, one in means.items()
+            ]
+            return f"{task.task.id}: {'; '.join(of)}."
         known = [one.d.d for track in task.tracks for one in track.by_level if one.d and one.trials >= ENOUGH]
         if not known:
             return f"{task.task.id}: no d' of {ENOUGH} trials or more at a level."
@@ -330,5 +337,6 @@ DESIGN = AnalysisDesign(
     methods=lambda: formulas(Path(__file__).with_name("methods.md")),
     export=_export,
     figures="palpate.analysis.designs.detection.figures",
+    power="palpate.analysis.power.detections",
     thresholds="palpate.analysis.power.thresholds",
 )

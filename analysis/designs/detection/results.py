@@ -299,6 +299,17 @@ def _mean_threshold(tracks: Sequence[Track]) -> Threshold:
     )
 
 
+def mean_d(task: TaskDetections) -> dict[str, Mean]:
+    """Return the mean d' over participants of each signal; nothing of a task of several levels."""
+    if any(len(one.by_level) > 1 for one in task.tracks):
+        return {}
+    found: dict[str, list[float]] = {}
+    for one in task.tracks:
+        if one.by_level and (known := one.by_level[0].d) is not None:
+            found.setdefault(one.signal, []).append(known.d)
+    return {signal: mean(np.array(of)) for signal, of in found.items()}
+
+
 def _track(rows: pd.DataFrame, caught: Catches, signal: str, protocol: Protocol, task: str, own: Detection) -> Track:
     planned = protocol.task(task)
     level = rows["level"].fillna(1.0).to_numpy(dtype=np.float64)

@@ -57,11 +57,13 @@ def examine(
     clock: Clock,
     simulate: Simulate,
     may_move: bool = False,
+    presses: int = 0,
 ) -> Iterator[Finding]:
     """Yield a check of everything, in order of dependence; `ProtocolError` for an unusable protocol.
 
     Without a protocol only the rig matters. `root` None is the protocol's own dataset, or `participants`. The session's
-    clock must go by itself. If the panel `may_move`, it is compared with its measurement.
+    clock must go by itself. If the panel `may_move`, it is compared with its measurement. Somebody has to press each of
+    the participant's buttons so many times.
     """
     begun = checks.mark(clock)
     protocol = files.load(protocol_path) if protocol_path is not None else None
@@ -80,7 +82,7 @@ def examine(
     yield checks.space(folder, trials=trials, rate_hz=rate_hz, readings=readings)
     with host.raised() as got:
         yield passed("priority", f"{got}; as sessions have it")
-        for check in _devices(rig, protocol, clock, simulate) if rig is not None else ():
+        for check in _devices(rig, protocol, clock, simulate, presses) if rig is not None else ():
             simulated = ": ".join(part for part in ("SIMULATED", check.place()) if part)
             yield replace(check, where=simulated) if rig and rig.rig.simulated else check
         if rig is not None and rig.actuator.measured is not None:
@@ -116,7 +118,7 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
     yield from checks.stops(rig, peak_m_s2, today)
 
 
-def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simulate) -> Iterator[Finding]:
+def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simulate, presses: int) -> Iterator[Finding]:
     with ExitStack() as opened:
         try:
             ends = simulate(rig, opened) if rig.rig.simulated else SimulatedPorts()
@@ -142,7 +144,7 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
         if rig.buttons is not None:
             from palpate.experiment.apparatus.doctor import buttons
 
-            yield from buttons.checks(rig, ends.buttons, clock=clock)
+            yield from buttons.checks(rig, ends.buttons, presses, clock=clock)
         if rig.triggers:
             from palpate.experiment.apparatus.doctor import triggers
 
