@@ -172,7 +172,7 @@ ButtonName = Annotated[
 
 
 def _buttons_rules(table: Any) -> Iterator[Broken]:
-    """Either `baud` or `codes` is there; `codes` has one for each of the `names`, and each code once."""
+    """Either `baud` or `codes` is there; each name has its own code."""
     names, codes = table.get("names"), table.get("codes")
     if (table.get("baud") is None) == (codes is None):
         yield Broken(("baud",), "baud for a board on a serial line, or codes for an input device of Linux")
@@ -187,10 +187,10 @@ class ButtonsRig(Confined):
     """The participant's buttons for answers: a board on its own serial line, or an input device (HID) of Linux.
 
     Attributes:
-        port: device path, or URL for pyserial; of an input device its event file.
+        port: device path, URL for pyserial, or event file.
         baud: bits a second of a board.
-        names: the keys of the answers, which a board sends.
-        codes: of an input device: what Linux calls the button of each name (`palpate doctor --press`).
+        names: the keys of the answers.
+        codes: of an input device: Linux's of each name.
     """
 
     RULES: ClassVar[Rules] = _buttons_rules
