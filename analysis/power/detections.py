@@ -75,7 +75,7 @@ class DetectionModel(Model):
         sizes = dict(zip((task.id for task in planned.tasks), planned.sizes(participants), strict=True))
         for one in self.tasks:
             people = sizes[one.task]
-            mean, p = _over(draw(one, people, studies, random), people)
+            mean, p = _tested(draw(one, people, studies, random), people)
             for number, test in enumerate(planned.tests):
                 if test.test != PLANNED or one.task not in test.tasks:
                     continue
@@ -114,7 +114,7 @@ def draw(one: Detectors, people: int, studies: int, random: np.random.Generator)
     return np.asarray(apart / (sqrt(2) if one.two_intervals else 1.0))
 
 
-def _over(d: Floats, people: int) -> tuple[Floats, Floats]:
+def _tested(d: Floats, people: int) -> tuple[Floats, Floats]:
     """Return mean and P over participants, each of shape (S, signals)."""
     mean = d.mean(axis=1)
     sd = d.std(axis=1, ddof=1) if people > 1 else np.full_like(mean, np.nan)
