@@ -132,8 +132,8 @@ class Understood:
     def sentence(self) -> str:
         """Return it for a reader, in one line."""
         decimal = {".": ", decimal points", ",": ", decimal commas", "": ""}[self.decimal]
-        lines = " and ".join(map(str, self.heading_lines))
-        headings = f"headings in line {lines}" if lines else "no headings"
+        lines = ", ".join(map(str, self.heading_lines[:HEADINGS])).rpartition(", ")
+        headings = f"headings in line {' and '.join(filter(None, lines[::2]))}" if self.heading_lines else "no headings"
         section = f"section {self.section!r}, " if self.section else ""
         return (
             f"{section}read as {self.encoding}, cells between {_WORDS[self.delimiter]}{decimal}; {headings}; "

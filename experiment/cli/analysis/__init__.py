@@ -400,12 +400,12 @@ def import_trials(
         list[str] | None,
         typer.Option(
             "--leave-out",
-            help="COLUMN=VALUE, leave out and count rows with this value there; * is any, [*, *] any list.",
+            help="COLUMN=VALUE, leave out and count rows with this value there; * is any, [*, *] any list; or *=again.",
         ),
     ] = None,
     missing_time: Annotated[
         list[str] | None,
-        typer.Option("--missing-time", help="Response times that count as missing: negative, zero, or a number."),
+        typer.Option("--missing-time", help="Response times that count as missing: negative, zero, or a cell."),
     ] = None,
     material: Annotated[
         list[str] | None,

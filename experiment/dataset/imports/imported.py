@@ -222,7 +222,10 @@ def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: 
             "Materials are taken to go from the least to the most of what was compared; --material orders them."
         )
     if not kept:
-        said.append("Participants are numbered in the order of the files, because their labels there are no numbers.")
+        said.append(
+            "Participants are numbered in the order of the files, because their labels there are not numbers of up to "
+            "six digits behind one prefix or none."
+        )
     return tuple(said)
 
 

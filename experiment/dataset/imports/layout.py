@@ -8,6 +8,7 @@ from pathlib import Path
 from palpate.experiment.dataset.imports.times import is_several
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.settings.characters import quoted
+from palpate.experiment.settings.delimited import number
 
 ABSENT = ("", "None", "null", "NA")
 """Cells in which nothing stands: empty, and as PsychoPy and OpenSesame, jsPsych, and R write it."""
@@ -22,8 +23,11 @@ ANY = "*"
 SEVERAL = "[*, *]"
 """In `leave_out`: any list of several elements."""
 
+AGAIN = (ANY, "again")
+"""In `leave_out`: each row that stands above, too, cell by cell."""
+
 MISSING_TIMES = ("negative", "zero")
-"""Rules by which a response time counts as missing; a number names the value that stands for a missing one."""
+"""Rules by which a response time counts as missing; anything else is the number or word that stands for one."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +79,9 @@ class Layout:
                 f"got {got} of --participant and --participant-in-name", remedy="name one", allowed="one of them"
             )
         for rule in self.missing_times:
-            if rule not in MISSING_TIMES and not re.fullmatch(r"[+-]?[0-9]+(\.[0-9]+)?", rule):
+            if not rule.strip():
                 raise DatasetError(
-                    "--missing-time", f"got {quoted(rule)}", "choose one", allowed="negative, zero, or a number"
+                    "--missing-time", f"got {quoted(rule)}", "choose one", allowed="negative, zero, a number, or a word"
                 )
 
     @property
@@ -113,11 +117,11 @@ class Layout:
             )
         return match[1]
 
-    def is_missing(self, time: float) -> bool:
-        """Return whether a rule takes a response time, as it stands in its column, for a missing one."""
+    def is_missing(self, cell: str, time: float) -> bool:
+        """Return whether a rule takes a cell of response times, and the time in it, for a missing one."""
         rules = set(self.missing_times)
-        numbers = {float(rule) for rule in rules - set(MISSING_TIMES)}
-        return ("negative" in rules and time < 0) or ("zero" in rules and time == 0) or time in numbers
+        named = cell in rules - set(MISSING_TIMES) or any(number(rule, ".") == time for rule in rules)
+        return named or ("negative" in rules and time < 0) or ("zero" in rules and time == 0)
 
 
 def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
@@ -144,6 +148,6 @@ def cells(texts: Sequence[str]) -> tuple[tuple[str, str], ...]:
                 "--leave-out",
                 f"got {quoted(text)}",
                 "correct it",
-                allowed=f"COLUMN=VALUE, COLUMN= for an empty cell, COLUMN=* for any other, or COLUMN={SEVERAL}",
+                allowed=f"COLUMN=VALUE, COLUMN= for an empty cell, COLUMN=* for any other, COLUMN={SEVERAL}, *=again",
             )
     return tuple((column.strip(), value.strip()) for column, _, value in found)

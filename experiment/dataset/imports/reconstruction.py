@@ -18,7 +18,7 @@ from palpate.experiment.errors import DatasetError, PalpateError, ProtocolError
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.records.software import Software, this
 from palpate.experiment.settings.characters import quoted
-from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Table, Understood, read_table
+from palpate.experiment.settings.delimited import NOTHING_STATED, Record, Stated, Table, Understood, read_table
 from palpate.experiment.settings.load import MISSING, Confined, Name, Text, checked
 
 COLUMNS = ("participant", "presented", "answered", "count")
@@ -89,10 +89,23 @@ def _table(path: Path, stated: Stated) -> Table:
         table = read_table(path, COLUMNS, (), stated)
     except PalpateError as error:
         raise DatasetError.saying(error) from error
+    answers = table.header[2:]
+    if table.header[:2] == COLUMNS[:2] and len(answers) > 1 and not {*answers} & {*COLUMNS, ""}:
+        return replace(table, header=COLUMNS, rows=tuple(_cells_of_matrices(path, table)))
     if table.header != COLUMNS:
-        remedy = "name the columns so, and write one line for each cell of a matrix"
+        remedy = "name the columns so, or those of a matrix participant,presented and each answer"
         raise DatasetError(path, f"line 1: got header {','.join(table.header)!r}", remedy, allowed=",".join(COLUMNS))
     return table
+
+
+def _cells_of_matrices(path: Path, table: Table) -> Iterator[Record]:
+    """Yield a record for each cell of matrices, whose rows are materials presented, and whose columns are answers."""
+    for row in table.rows:
+        if len(row.cells) != len(table.header):
+            what, allowed = f"got {len(row.cells)} fields", f"{len(table.header)}, as in the header"
+            raise DatasetError(path, what, "correct the line", allowed=allowed, line=row.line)
+        for answered, count in zip(table.header[2:], row.cells[2:], strict=True):
+            yield replace(row, cells=[*row.cells[:2], answered, count])
 
 
 def read_as(path: Path, stated: Stated) -> Understood:
@@ -143,6 +156,8 @@ def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tup
         raise DatasetError(where, f"got {presented!r}", field="presented", allowed=", ".join(materials))
     if answered not in answers:
         raise DatasetError(where, f"got {answered!r}", field="answered", allowed=", ".join(answers))
+    # Spreadsheets write whole numbers with decimals, but three of them may be a thousand.
+    count = re.sub(r"[.,]0{1,2}\Z", "", count)
     if not re.fullmatch(r"[0-9]{1,5}", count) or int(count) > MAX_COUNT:
         raise DatasetError(where, f"got {count!r}", field="count", allowed=f"a whole number from 0 to {MAX_COUNT}")
     return int(participant.removeprefix("sub-")), (presented, answered), int(count)

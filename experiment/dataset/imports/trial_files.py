@@ -12,17 +12,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from palpate.experiment.dataset.imports.doubts import Practice, Unanswered, summary_doubts, time_doubts, wide_doubts
-from palpate.experiment.dataset.imports.layout import ABSENT, RIGHT, SEVERAL, WRONG, Layout
+from palpate.experiment.dataset.imports.layout import ABSENT, AGAIN, ANY, RIGHT, SEVERAL, WRONG, Layout
 from palpate.experiment.dataset.imports.objects import UnderstoodJson
 from palpate.experiment.dataset.imports.refusals import MOST_LISTED, Place, all_of, listed, refused
-from palpate.experiment.dataset.imports.runs import Runs
+from palpate.experiment.dataset.imports.runs import TRIAL, Runs, numbered_again, rows_again
 from palpate.experiment.dataset.imports.times import Times, bare, is_several
 from palpate.experiment.dataset.imports.trial_table import trial_table
 from palpate.experiment.errors import DatasetError, Finding, Remedy
 from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, TIE
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.settings.characters import quoted, skeleton
-from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Table, Understood
+from palpate.experiment.settings.delimited import NOTHING_STATED, Record, Stated, Table, Understood
 
 MOST_MATERIALS = 64
 """More different cells than this are no materials: the column is another one."""
@@ -115,6 +115,8 @@ class _Reader:
         self._mixed: list[Path] = []
         self._tenths: list[Path] = []
         self._no_times: list[DatasetError] = []
+        self._copied: list[DatasetError] = []
+        self._renumbered: list[tuple[Path, str]] = []
         self._errors: list[DatasetError] = []
 
     def read(self, number: int, path: Path) -> Iterator[float]:
@@ -131,9 +133,15 @@ class _Reader:
         self._tenths += [path] * (times.scale != 1.0)
         self._columns.update(table.header)
         places = {name: table.header.index(name) for name in self._layout.columns() if name in table.header}
+        again = self._exported_twice(table)
+        copies = {one.line for one in again} if AGAIN in self._layout.leave_out else set[int]()
+        begun, trials = len(self._rows), list[Record]()
         for row_number, record in enumerate(table.rows):
             if not row_number % AT_A_TIME:
                 yield PARTED + (1 - PARTED) * row_number / len(table.rows)
+            if record.line in copies:
+                self._left_out[AGAIN] += 1
+                continue
             cells = _Cells(path, record.line, places, record.cells, table, times)
             try:
                 row = self._row(number, label, cells)
@@ -144,9 +152,29 @@ class _Reader:
             else:
                 if row is not None:
                     self._rows.append(row)
+                    trials.append(record)
                     self._practice.add(row.participant, table.header, record.cells)
                     self._runs.add(table.header, record.cells)
                     self._unanswered.add(table.header, record.cells, answered=row.answered != NO_ANSWER)
+        self._keep_repeated(path, table.header, again, self._rows[begun:], trials)
+
+    def _exported_twice(self, table: Table) -> list[Record]:
+        """Return the rows that stand in a table twice, where times or numbers of trials tell them from each other."""
+        told = self._layout.time is not None or any(TRIAL.search(name.lower()) for name in table.header)
+        return rows_again(table.rows) if told else []
+
+    def _keep_repeated(
+        self, path: Path, header: Sequence[str], again: Sequence[Record], rows: Sequence[Row], trials: Sequence[Record]
+    ) -> None:
+        """Keep what is wrong or doubtful of trials that stand in a file twice, or whose number does."""
+        taken = {one.line for one in trials}
+        if copied := [one.line for one in again if one.line in taken]:
+            what = f"got {len(copied)} of {len(trials)} trials again, cell by cell, from this line on"
+            remedy = self._remedy("if they were exported twice, take them once", "--leave-out", "=".join(AGAIN))
+            self._copied.append(DatasetError(path, what, remedy, allowed="each once", line=copied[0]))
+        elif self._layout.trial is None:
+            who = [(row.participant, row.task, row.session) for row in rows]
+            self._renumbered += [(path, column)] if (column := numbered_again(header, who, trials)) else []
 
     def trials(self) -> Trials:
         """Return the trials. Raises `DatasetError` for all that is wrong."""
@@ -156,7 +184,7 @@ class _Reader:
         self._errors += [error for errors in strange.values() for error in errors]
         if known and self._rows and self._layout.second is None:
             self._errors += self._strange_answers(known, shown, guessed=bool(strange))
-        self._errors += [*self._spellings(known, shown), *self._twice(), *self._never_there()]
+        self._errors += [*self._spellings(known, shown), *(self._copied or self._twice()), *self._never_there()]
         if self._errors:
             raise all_of(self._without_times() or self._errors, self._stated)
         if not self._rows:
@@ -286,14 +314,14 @@ class _Reader:
             return None
         cell = cells.cell(column)
         value = cells.times.value(cell)
-        if self._layout.is_missing(value):
+        if self._layout.is_missing(cell, value):
             self._missing_times += 1
             return None
         if not (math.isfinite(value) and value >= 0):
             rule = "negative" if value < 0 else "NUMBER"
             remedy = self._remedy("say that such times are missing", "--missing-time", rule)
             if math.isnan(value):
-                remedy = self._remedy("leave such rows out", "--leave-out", f"{column}={cell}")
+                remedy = self._remedy("if it stands for a missing time, say so", "--missing-time", cell)
             error = cells.refused(column, "a number from 0, or nothing", remedy)
             self._no_times += [error] if math.isnan(value) else []
             raise error
@@ -398,7 +426,7 @@ class _Reader:
 
     def _never_there(self) -> list[DatasetError]:
         """Return the errors of columns that only leave rows out, and that no file has."""
-        absent = dict.fromkeys(column for column, _ in self._layout.leave_out if column not in self._columns)
+        absent = dict.fromkeys(column for column, _ in self._layout.leave_out if column not in (ANY, *self._columns))
         there = listed(dict.fromkeys(sorted(self._columns)))
         return [
             DatasetError(
@@ -463,7 +491,15 @@ class _Reader:
             )
             for path in self._tenths
         ]  # fmt: skip
-        rows = (*self._practice.doubts(self._stated), *self._unanswered.doubts(self._stated))
+        again = [
+            Finding(
+                "numbers trials, and some have one number, as in files that were joined", where=path,
+                field=f"column {column}", verdict="warns", check="numbers",
+                remedy=self._remedy("if each should have its own, delete the dataset and say so", "--trial", column),
+            )
+            for path, column in self._renumbered
+        ]  # fmt: skip
+        rows = (*again, *self._practice.doubts(self._stated), *self._unanswered.doubts(self._stated))
         summary = summary_doubts((row.participant for row in self._rows), self._layout, self._stated)
         of_times = (*time_doubts(times, self._layout, self._stated), *mixed, *tenths)
         return (*wide_doubts(self._columns, self._layout), *rows, *summary, *of_times)

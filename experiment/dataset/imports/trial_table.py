@@ -52,7 +52,12 @@ def _of_text(path: Path, layout: Layout, stated: Stated) -> Table:
         return frames_table(path, data, stated)
     table = table_of(path, data, layout.needed(), (), stated)
     below = next((place for place, one in enumerate(table.rows[:BELOW], start=1) if _are_codes(one.cells)), 0)
-    return replace(table, rows=tuple(one for one in table.rows[below:] if not _is_header(path, one, table, layout)))
+    again = {one.line for one in table.rows[below:] if _is_header(path, one, table, layout)}
+    rows = tuple(one for one in table.rows[below:] if one.line not in again)
+    lines = (*table.understood.heading_lines, *(one.line for one in table.rows[:below]), *sorted(again))
+    first = rows[0].line if rows else 0
+    understood = replace(table.understood, heading_lines=lines, first_line=first, rows=len(rows))
+    return replace(table, rows=rows, understood=understood)
 
 
 def _is_of_presentation(path: Path) -> bool:

@@ -48,6 +48,8 @@ def chosen(columns: Sequence[Column], asked: str, what: str = "channel") -> int:
             return list(every).index(one)
     if names.count(meant.name) == 1 and not headings[names.index(meant.name)].unit:
         return names.index(meant.name)
+    if f"column {asked}" in names:
+        return names.index(f"column {asked}")
     if asked.isdecimal() and 1 <= int(asked) <= len(names):
         return int(asked) - 1
     told = [f"{name} ({unit})" if unit and (names.count(name) > 1 or meant.unit) else name for name, unit in headings]

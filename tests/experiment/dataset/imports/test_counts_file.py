@@ -35,6 +35,8 @@ MATERIALS = ("sand", "snow")
         (HEADER + "1,sand,ice,2\n", "line 2: answered: got 'ice'; allowed: sand, snow, (none)"),
         (HEADER + "1,sand,snow,-1\n", "line 2: count: got '-1'; allowed: a whole number from 0"),
         (HEADER + "1,sand,snow,1.5\n", "line 2: count: got '1.5'"),
+        (HEADER + '1,sand,snow,"1,000"\n', "line 2: count: got '1,000'"),
+        ("participant,presented,sand,snow\n1,sand,3\n", "line 2: got 3 fields; allowed: 4"),
         (HEADER + "1,sand,snow,10001\n", "line 2: count: got '10001'"),
         (HEADER + f"1,sand,snow,{'9' * 5000}\n", "line 2: count: got '999"),
         (
@@ -84,6 +86,26 @@ def test_any_bytes_are_counts_or_one_error(tmp_path: Path, content: bytes) -> No
     except DatasetError as refusal:
         error, counts = str(refusal), {}
     assert counts or str(path) in error
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{HEADER}1,sand,sand,8.0\n1,sand,snow,2.00\n1,snow,sand,0.0\n1,snow,snow,10\n",
+        f"{HEADER}1,sand,sand,8\n1,sand,snow,2\n1,snow,sand,0\n1,snow,snow,10\n".replace(",", ";").replace(
+            ";8", ";8,0"
+        ),
+        "participant,presented,sand,snow\n1,sand,8,2\n1,snow,0,10\n",
+        'participant;presented;sand;snow\n1;sand;"8,0";"2,0"\n1;snow;"0,0";"10,0"\n',
+    ],
+    ids=["points", "a comma", "a matrix", "a matrix with commas"],
+)
+def test_matrices_and_whole_numbers_with_decimals_are_counts(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_text(text)
+    expected = {("sand", "sand"): 8, ("sand", "snow"): 2, ("snow", "sand"): 0, ("snow", "snow"): 10}
+    assert read_counts(path, MATERIALS) == {1: expected}
+    assert set(study_text("lab", {"real": path}, "made").materials) == set(MATERIALS)
 
 
 def test_a_missing_counts_file_is_named(tmp_path: Path) -> None:

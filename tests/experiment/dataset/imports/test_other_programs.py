@@ -133,7 +133,7 @@ def test_rules_leave_out_rows_and_times_and_say_how_many(tmp_path: Path) -> None
 
 
 def test_all_that_is_wrong_is_told_at_once_by_kind(tmp_path: Path) -> None:
-    rows = "".join(f"{n % 3 or ''},felt,{'fx'[n % 2]},{(-1, 0.5)[n % 2]}\n" for n in range(30))
+    rows = "".join(f"{n % 3 or ''},felt,{'fx'[n % 2]},{(-1, n)[n % 2]}\n" for n in range(30))
     path = _file(tmp_path, f"who,shown,said,rt\n1,cork,cork,0.4\n{rows}")
     with pytest.raises(DatasetError) as refused:
         read_trials([path], replace(PLAIN, time_s="rt"), (), COMMAND)
@@ -178,7 +178,7 @@ def test_what_runs_code_or_is_no_text_is_not_opened(tmp_path: Path) -> None:
         lambda: Layout("shown", "said", "who", correct="ok"),
         lambda: Layout("shown", "said", None),
         lambda: Layout("shown", "said", "who", in_name="{}"),
-        lambda: Layout("shown", "said", "who", missing_times=("often",)),
+        lambda: Layout("shown", "said", "who", missing_times=("",)),
         lambda: Layout("shown", None, "who", correct="ok", second="other"),
     ],
 )

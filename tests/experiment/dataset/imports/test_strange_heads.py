@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from palpate.experiment.dataset.imports.imported import import_trials
-from palpate.experiment.dataset.imports.layout import Layout
+from palpate.experiment.dataset.imports.layout import Layout, cells
 from palpate.experiment.dataset.imports.trial_files import read_trials
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, Remedy
+from palpate.experiment.settings.delimited import Stated
 
 LAYOUT = Layout("shown", "said", "who", time_ms="rt")
 HEAD = "who,shown,said,rt\n"
@@ -39,10 +41,46 @@ def _read(tmp_path: Path, text: str, encoding: str = "utf-8") -> list[tuple[str,
 def test_rows_below_the_names_of_qualtrics_are_no_trials(tmp_path: Path, question: str) -> None:
     codes = ",".join('"{""ImportId"":""QID' + one + '""}"' for one in "1234")
     assert _read(tmp_path, f"{HEAD}{question}{codes}\n{_rows()}") == TRIALS
+    (read_as,) = read_trials([tmp_path / "trials.txt"], LAYOUT).read_as
+    assert (len(read_as.heading_lines), read_as.rows) == (3 if question else 2, 4)
 
 
 def test_files_that_were_joined_have_their_header_again(tmp_path: Path) -> None:
     assert _read(tmp_path, f"{HEAD}{_rows('1')}{HEAD}{_rows('2')}") == TRIALS
+    (read_as,) = read_trials([tmp_path / "trials.txt"], LAYOUT).read_as
+    assert (read_as.heading_lines, read_as.rows) == ((1, 4), 4)
+
+
+@pytest.mark.parametrize("head", [HEAD, ""], ids=["with its heading", "rows alone"])
+@pytest.mark.parametrize("layout", [LAYOUT, Layout("shown", "said", "who")], ids=["times", "a column of trials"])
+def test_trials_that_were_exported_twice_are_refused_with_what_takes_them_once(
+    tmp_path: Path, layout: Layout, head: str
+) -> None:
+    names, again = HEAD.replace(",rt", ",rt,trial"), head.replace(",rt", ",rt,trial")
+    rows = "".join(f"1,{'cork' if k % 3 else 'felt'},cork,{400 + k % 7},{k}\n" for k in range(30))
+    path = tmp_path / "twice.csv"
+    path.write_text(f"{names}{rows}{again}{rows}")
+    with pytest.raises(DatasetError) as refused:
+        read_trials([path], layout, (), Stated(command=("palpate",)))
+    finding = refused.value.finding
+    assert isinstance(finding.remedy, Remedy)
+    assert finding.line == 32 + bool(head)
+    once = read_trials([path], replace(layout, leave_out=cells([finding.remedy.command[-1]])))
+    assert [row.line for row in once.rows] == list(range(2, 32))
+    assert sum(once.left_out.values()) == 30
+
+
+@pytest.mark.parametrize("block", ["", "block"])
+def test_numbers_of_trials_that_occur_again_are_asked_about_unless_a_block_parts_them(
+    tmp_path: Path, block: str
+) -> None:
+    rows = "".join(
+        f"1,{'cork' if k % 3 else 'felt'},cork,{400 + k},{k % 10},{k // 10 if block else 0}\n" for k in range(20)
+    )
+    path = tmp_path / "blocks.csv"
+    path.write_text(f"{HEAD.strip()},trial,{block or 'note'}\n{rows}")
+    doubts = read_trials([path], LAYOUT, (), Stated(command=("palpate",))).doubts
+    assert [one.check for one in doubts] == ([] if block else ["numbers"])
 
 
 def test_a_second_header_in_another_order_is_refused(tmp_path: Path) -> None:
@@ -82,7 +120,7 @@ def test_further_trials_in_a_row_are_told(tmp_path: Path) -> None:
 
 def test_progress_is_told_within_one_file_too(tmp_path: Path) -> None:
     path, shares = tmp_path / "trials.csv", list[float]()
-    path.write_text(HEAD + "".join(f"{k % 300},{'cork' if k % 2 else 'felt'},cork,400\n" for k in range(6000)))
+    path.write_text(HEAD + "".join(f"{k % 300},{'cork' if k % 2 else 'felt'},cork,{400 + k}\n" for k in range(6000)))
     import_trials([path], tmp_path / "out", LAYOUT, study="lab", source="made", done=shares.append)
     assert shares == sorted(shares)
     assert len(shares) > 100

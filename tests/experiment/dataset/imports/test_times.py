@@ -92,3 +92,17 @@ def test_a_single_time_in_which_nobody_answers_is_doubted_and_its_remedy_takes_i
     assert (doubt.check, doubt.remedy.command[2:]) == ("response times", ("--missing-time", code))
     made = read_trials([path], replace(layout, missing_times=(code,)))
     assert (made.missing_times, made.doubts, len(made.rows)) == (1, (), 7)
+
+
+def test_a_word_for_a_missing_time_keeps_the_answer(tmp_path: Path) -> None:
+    path = _file(tmp_path, ["cork;0.5", "felt;timeout", "cork;0.6", "felt;never"])
+    stated = Stated(command=("palpate",))
+    with pytest.raises(DatasetError) as refused:
+        read_trials([path], replace(IN_S, missing_times=("never",)), (), stated)
+    remedy = refused.value.finding.remedy
+    assert isinstance(remedy, Remedy)
+    assert remedy.command[1:] == ("--missing-time", "timeout")
+    made = read_trials([path], replace(IN_S, missing_times=("never", "timeout")))
+    assert [(one.answered, one.response_time_s) for one in made.rows] == [
+        ("cork", 0.5), ("felt", None), ("cork", 0.6), ("felt", None)
+    ]  # fmt: skip
