@@ -81,7 +81,7 @@ def test_a_rig_in_order_is_green_and_nothing_moves(
     found = verdicts(document)
     assert (red(found), json.loads(document)["ready"]) == (set(), again == 0)
     aside = {name for name, check in found.items() if name not in LOAD and check["verdict"] != "green"}
-    assert aside == {"left out", "masker", "undelivered", "participant's stop"}
+    assert aside == {"left out", "masker", "undelivered", "participant's stop", "panel's load"}
     # Nothing was recorded here yet.
     assert found["left out"]["verdict"] == "not checked"
     assert "\x1b" not in out
