@@ -577,7 +577,7 @@ listener(rig.load(Path(sys.argv[1])), clock=None).arm(1000)
 def outside() -> Iterator[socket.socket]:
     """What a driver connects to: the connection ends with its process."""
     with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(20)
+        server.settimeout(60)
         yield server
 
 
