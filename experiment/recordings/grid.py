@@ -33,6 +33,9 @@ CROWDED = 10
 MARKED, OVERLOAD, FAR = 99.0, 1e30, 10.0
 """Marks of missing samples are as large as this, a single one as large as that, and so far from the others. Ours."""
 
+PERIODS_S = 2.0**32 * 1e-6, 2.0**32 * 1e-3
+"""After so long a counter of 32 bits begins anew, of microseconds and of milliseconds."""
+
 RESTS = 0.5
 """A signal that stands at an end for this share of its samples or more rests there."""
 
@@ -73,7 +76,7 @@ def even(times_s: Floats, lines: Lines, stated: Stated) -> Grid:
     if grid is None:
         worst = int(np.argmax(np.abs(steps - median)))
         raise RecordingError(
-            f"got a time step of {steps[worst]:g} s",
+            f"got a time step of {steps[worst]:g} s{_overflow(float(steps[worst]))}",
             remedy=_evenly(times_s, stated, "record without gaps, or cut the file there"),
             allowed=f"within {LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s",
             line=lines[worst + 1],
@@ -85,6 +88,26 @@ def even(times_s: Floats, lines: Lines, stated: Stated) -> Grid:
         allowed=f"{LARGEST_STEP_ERROR} steps",
         line=lines[at],
     )
+
+
+def _overflow(step_s: float) -> str:
+    """Return what a step back is like, where it is about that of a counter which began anew."""
+    return ", as if a counter of 32 bits ran over" if any(abs(step_s / one + 1) < 0.01 for one in PERIODS_S) else ""
+
+
+def unwrapped(times_s: Floats) -> tuple[Floats, bool]:
+    """Return times, shape (n,), of a counter of 32 bits that ran over, and whether it did; others as they are.
+
+    It counts microseconds or milliseconds, and each step back is one of all its values, give or take
+    `LARGEST_STEP_ERROR`.
+    """
+    steps, median = _steps(times_s)
+    for period_s in PERIODS_S:
+        with np.errstate(over="ignore", invalid="ignore"):
+            over = np.abs(steps + period_s - median) <= LARGEST_STEP_ERROR * median
+        if over.any():
+            return times_s + period_s * np.concatenate(([0], np.cumsum(over))), True
+    return times_s, False
 
 
 @dataclass(frozen=True)

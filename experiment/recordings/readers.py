@@ -422,13 +422,16 @@ def _on_grid(
     times_s, samples, lines = since_first(clock, second), signal.values.astype(np.float64), clock.lines
     if kept.size < signal.values.size:
         times_s, samples, lines = times_s[kept] - times_s[kept[0]], samples[kept], Kept(clock.lines, kept)
-    times_s = times_s[: samples.size]
+    times_s, over = grid.unwrapped(times_s[: samples.size])
     made = grid.resampled(times_s, samples, lines) if stated.resample else None
     on = grid.even(times_s, lines, stated) if made is None else made.grid
     doubts = _missing(file, signal, kept)
     if made is not None:
         samples, doubts = made.samples, (_resampled(file, signal.name, made), *doubts)
-    rounded = (_rounded(file, on),) if on.resolution_s else ()
+    rounded: tuple[Finding, ...] = (_rounded(file, on),) if on.resolution_s else ()
+    if over:
+        what = f"{clock.name} is a counter of 32 bits that ran over, and its times are read on from there"
+        rounded += (Finding(what, where=file, remedy="check that none is missing", verdict="warns", check="counter"),)
     likely = likely_unit(1 / on.rate_hz, 0.0)
     remedy = stated.remedy(f"if its times are in {likely}, state it", "--time-unit", likely)
     return on, samples, (*doubts, *rounded, *_doubts(file, on.rate_hz, remedy))

@@ -59,6 +59,9 @@ _WORDS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", "": "blan
 _MARK_OF_LINE = re.compile("(?:^|(?<=[\r\n]))\ufeff")
 """The mark of a file; files that were joined have one where each of them begins."""
 
+_ZEROS = re.compile(r"(?:\A|(?<=[\r\n]))\0+|\0+(?=[\r\n]|\Z)")
+"""Zero bytes outside of all cells: a board writes some when it is switched on, and a logger when it is switched off."""
+
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\n|\r)|[^\r\n]+")
 _COMMENT = re.compile(r"\s*(?:#|%|//)")
 _NUMBERS = {
@@ -220,10 +223,12 @@ def decoded(data: bytes, where: Path | str, stated: Stated = NOTHING_STATED) -> 
             allowed=f"UTF-8, UTF-16 or a code page that is stated: {_code_pages()}",
             line=at,
         ) from None
+    text, zeros = _ZEROS.subn("", text)
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise PalpateError(where, "got U+0000, a zero byte", "export it as text", allowed="text", line=line)
-    return _MARK_OF_LINE.sub("", text), _NAMES.get(encoding, f"{encoding}, as stated")
+    without = ", without zero bytes at ends of lines" if zeros else ""
+    return _MARK_OF_LINE.sub("", text), _NAMES.get(encoding, f"{encoding}, as stated") + without
 
 
 def _encoding(data: bytes) -> str:

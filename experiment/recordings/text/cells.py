@@ -1,5 +1,6 @@
 """What a cell of a recording is: a number, or a word for a sample that is missing or beyond the range."""
 
+import re
 from collections.abc import Sequence
 from math import isfinite
 
@@ -12,6 +13,26 @@ BEYOND = frozenset(
 
 MISSING = BEYOND | {"nan", "na", "n/a", "#n/a", "null", "none", "#num!", "#div/0!"}
 """Cells, in small letters, that stand for a sample that is missing or beyond the range."""
+
+
+STATISTIC = re.compile(
+    r"(arithm\w* )?(mean|average|avg|median|mode|sd|std|st\.? ?dev|stdev|stddev|variance|min|max|minimum|maximum|range|"
+    r"rms|sum|total|count|mittelwert|mittel|durchschnitt|standardabweichung|stabw|stdabw|varianz|spannweite|summe|anzahl|"
+    r"moyenne|écart-type|media)[ .:=]*"
+)
+"""What a row below the samples is called, in small letters, that says something of all of them."""
+
+_HEXADECIMAL = re.compile(r"[0-9]*[A-Fa-f][0-9A-Fa-f]*")
+
+
+def remedy_of(cell: str, otherwise: str) -> str:
+    """Return what to do about a cell that is no number."""
+    hexadecimal = _HEXADECIMAL.fullmatch(cell.strip()) and re.search("[0-9]", cell)
+    return (
+        "if it is hexadecimal, have all printed in decimal numbers, or with 0x before each"
+        if hexadecimal
+        else otherwise
+    )
 
 
 def is_number(cell: str) -> bool:

@@ -17,15 +17,18 @@ from numpy.typing import NDArray
 
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.text.behind import without_units
-from palpate.experiment.recordings.text.cells import BEYOND, is_missing
+from palpate.experiment.recordings.text.cells import BEYOND, is_missing, remedy_of
 from palpate.experiment.recordings.text.decimals import decimal_of, decimal_points
 from palpate.experiment.recordings.text.headings import (
+    SAID,
     clock_names,
     headings_of,
     is_timed,
     name_above,
     refuse_dropped,
+    said_beside,
     step_of,
+    units_beside,
     with_unit,
 )
 from palpate.experiment.recordings.text.sections import has_rows, section_of
@@ -36,12 +39,18 @@ from palpate.experiment.recordings.text.shape import (
     Shape,
     cells_of,
     head_of,
+    refuse_statistics,
     rows_of,
     shape_of,
     unreadable,
 )
 from palpate.experiment.recordings.text.stamps import without_stamps
-from palpate.experiment.recordings.text.words import without_names, without_words
+from palpate.experiment.recordings.text.words import (
+    refuse_hexadecimals,
+    without_hexadecimals,
+    without_names,
+    without_words,
+)
 from palpate.experiment.settings.delimited import (
     SAMPLE,
     Record,
@@ -95,10 +104,15 @@ def read_columns(content: bytes, text: str, encoding: str, stated: Stated) -> Co
 
     `content` is that of its file.
     """
+    original = text
     plain, (text, stamps_ns) = len(text) == len(content) and text.isascii(), without_stamps(text)
     # Of a large file each copy costs as much as some of its reading.
     raw = content if plain and not stamps_ns else text.encode()
-    return _columns(raw, text, stamps_ns, encoding, stated)
+    made = _columns(raw, text, stamps_ns, encoding, stated)
+    # Arrows and names between numbers were replaced.
+    if made.understood.delimiter in original:
+        return made
+    return replace(made, understood=replace(made.understood, delimiter=""))
 
 
 def _columns(raw: bytes, text: str, stamps_ns: Set[int], encoding: str, stated: Stated) -> Columns:
@@ -126,6 +140,7 @@ def _columns(raw: bytes, text: str, stamps_ns: Set[int], encoding: str, stated: 
     shape = replace(shape, again=clock_names(head, shape))
     if next(rows_of(text, begins, shape), None) is None:
         raise unreadable()
+    refuse_statistics(text, begins, shape)
     if shape.delimiter == "," and (points := decimal_points(text, head, begins, shape, stated)) is not None:
         made = again(points, replace(stated, decimal="."))
         return replace(made, understood=replace(made.understood, decimal=","))
@@ -162,6 +177,9 @@ def _described(
     text, shape, head, begins, decimal = parted
     ends = len(begins.cells) - shape.first - shape.width
     headings, lines = headings_of(head, shape, values, ends=ends)
+    said = said_beside(head, islice(rows_of(text, begins, shape), SAID), shape)
+    headings, rate = units_beside(headings, said)
+    above = text[: begins.start] + rate
     stamped = _stamped(values, stamps_ns)
     for place in stamped:
         headings[place] = Heading(headings[place].name, "ns")
@@ -171,14 +189,16 @@ def _described(
     understood = Understood(encoding, shape.delimiter, decimal, lines, names, units, begins.line, len(values[0]))
     held = RowLines(text, begins, shape)
     cut, step = _cut(text, shape, decimal), step_of(head, shape, decimal)
-    return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, text[: begins.start], short)
+    return Columns(tuple(headings), tuple(values), held, understood, stamped, cut, step, above, short)
 
 
 def _plain(text: str) -> tuple[str, tuple[str, ...]] | None:
     """Return a text without the words among its numbers, and the units that stood behind these; None without any."""
     if (bare := without_units(text)) is not None:
         return bare
-    others = without_names(text) or without_words(text)
+    others = without_hexadecimals(text) or without_names(text) or without_words(text)
+    if others is None:
+        refuse_hexadecimals(text)
     return None if others is None else (others, ())
 
 
@@ -274,7 +294,9 @@ def _slow(
             elif not isfinite(value) and not is_missing(bare):
                 raise RecordingError(
                     f"got {bare[:40]!r} in column '{name_above(head, shape, place)}'",
-                    remedy="correct the line, or keep the rows above it, or below it, in a file of their own",
+                    remedy=remedy_of(
+                        bare, "correct the line, or keep the rows above or below it in a file of their own"
+                    ),
                     allowed="a number in every row",
                     line=record.line,
                 )

@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -16,6 +16,7 @@ from palpate.experiment.recordings.text.shape import Shape
 from palpate.experiment.settings.delimited import (
     COMMENT_SIGN,
     DELIMITERS,
+    Record,
     Stated,
     number,
     records,
@@ -43,6 +44,11 @@ BESIDE = " beside "
 _TAGS = frozenset(("DESCRIPTION", "TIME_STAMP", "DATA_INCLUDED", "MARKER_NAMES", "CHANNEL_GAIN", "ANALOG_FREQUENCY"))
 """What lines above the rows begin with that hold no names of columns, as Qualisys writes them."""
 
+SAID = 40
+"""Rows at the beginning that may have something of the recording before their numbers."""
+
+_SAID = ("Horizontal Units", "Vertical Units", "Source", "Sample Interval")
+
 _NAMES, _UNITS = ("ChannelTitle=", "CHANNEL_NAMES"), ("UnitName=",)
 """What lines of names and of units begin with, as LabChart and Qualisys write them."""
 
@@ -53,8 +59,33 @@ def step_of(head: Sequence[tuple[int, str]], shape: Shape, decimal: str) -> tupl
     for names, below in pairwise(rows):
         for name, cell in zip(names, below, strict=False):
             if is_step(name) and number(cell, decimal or ".") > 0:
-                return heading(name), number(cell, decimal or ".")
+                of_rigol = (names[0].strip(), below[0].strip()) == ("X", "Sequence")
+                return Heading(name, "s") if of_rigol else heading(name), number(cell, decimal or ".")
     return None
+
+
+def said_beside(head: Sequence[tuple[int, str]], rows: Iterable[Record], shape: Shape) -> dict[str, str]:
+    """Return what a scope of Tektronix says above the rows, or before the first ones: its labels, and their values."""
+    above = (next(csv.reader([raw.strip()], delimiter=shape.delimiter or " "), []) for _, raw in head)
+    beside = (one.cells[: shape.first] for one in rows)
+    lines = [[cell.strip() for cell in cells] for cells in (*above, *beside)]
+    # Some write the unit of times behind their interval.
+    lines += [[_SAID[0], cells[2]] for cells in lines if cells[:1] == [_SAID[-1]] and is_unit("".join(cells[2:3]))]
+    return {cells[0]: cells[1] for cells in lines if len(cells) > 1 and cells[0] in _SAID and cells[1]}
+
+
+def units_beside(headings: Sequence[Heading], said: Mapping[str, str]) -> tuple[list[Heading], str]:
+    """Return headings with the names and units that `said` has for them, and a line of the sampling rate.
+
+    Units are those of the first column and of the only other one.
+    """
+    time, signal, source, interval = (said.get(one, "") for one in _SAID)
+    made = list(headings)
+    if time and not made[0].unit and (not made[0].name or is_clock(made[0].name)):
+        made[0] = Heading(made[0].name or "time", time)
+    if len(made) == 2 and not made[1].unit:
+        made[1] = Heading(made[1].name or source, signal)
+    return made, f"\nSample Interval: {interval} {time}\n" if interval and time else ""
 
 
 def clock_names(head: Sequence[tuple[int, str]], shape: Shape) -> tuple[str, ...]:
@@ -209,6 +240,11 @@ def refuse_dropped(
     )
 
 
+def _is_of_no_column(cell: str) -> bool:
+    """Return whether a cell behind the names is empty, or of a scope's start and increment."""
+    return cell in ("", "Start") or is_number(cell) or is_step(cell)
+
+
 def heading_cells(raw: str, shape: Shape, values: Sequence[NDArray[Any]], *, ends: int) -> list[str]:
     """Return the cells of a heading, one for each column; none where the record has another number of them.
 
@@ -220,7 +256,7 @@ def heading_cells(raw: str, shape: Shape, values: Sequence[NDArray[Any]], *, end
     index = counts and not raw.lstrip().startswith("; ")
     for row in _heading_rows(raw, shape):
         cells = row[shape.first :]
-        while len(cells) > shape.width and not cells[-1]:
+        while len(cells) > shape.width and _is_of_no_column(cells[-1]):
             cells = cells[:-1]
         if shape.width < len(cells) <= shape.width + ends and (index or cells[0]):
             cells = cells[: shape.width]

@@ -7,7 +7,7 @@ from itertools import islice
 from typing import Protocol
 
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.recordings.text.cells import are_numbers, is_number
+from palpate.experiment.recordings.text.cells import STATISTIC, are_numbers, is_number, remedy_of
 from palpate.experiment.settings.delimited import (
     DELIMITERS,
     SAMPLE,
@@ -129,7 +129,7 @@ def head_of(text: str, shape: Shape) -> tuple[list[tuple[int, str]], Record]:
         wrong = next(cell for cell in cells_of(head[-1], shape) if not is_number(cell))
         raise RecordingError(
             f"got {wrong.strip()[:40]!r} among numbers",
-            remedy="correct the line, or remove it",
+            remedy=remedy_of(wrong, "correct the line, or remove it"),
             allowed="a number in every row",
             line=head[-1].line,
         )
@@ -153,6 +153,20 @@ def _looks_like_row(record: Record, shape: Shape) -> bool:
     """Return whether a record above the rows looks like one of them, in which some cells are no numbers."""
     numbers = [is_number(cell) for cell in cells_of(record, shape)]
     return not record.comment and len(numbers) == shape.width and numbers[0] and sum(numbers) * 2 >= shape.width > 1
+
+
+def refuse_statistics(text: str, begins: Record, shape: Shape) -> None:
+    """Refuse a row near the end that is called a mean or the like, where the first row has no word."""
+    start = max(begins.start, text.rfind("\n", 0, max(len(text) - TAIL, 0)) + 1)
+    for record in records(text, shape.delimiter, start, text.count("\n", 0, start) + 1, strict=False):
+        for cell, first in zip(record.cells, (*begins.cells, *[""] * len(record.cells)), strict=False):
+            if STATISTIC.fullmatch(cell.strip().lower()) and (is_number(first) or not first.strip()):
+                raise RecordingError(
+                    f"got a row called {cell.strip()!r} below the samples, as if it summed them up",
+                    remedy="keep the rows above it in a file of their own",
+                    allowed="rows of samples",
+                    line=record.line,
+                )
 
 
 def rows_of(text: str, begins: Record, shape: Shape) -> Iterator[Record]:

@@ -17,6 +17,7 @@ FEWEST, MOST = 0.9, 0.1
 """Of the rows of a sample, this share or more has a number in a channel, and this share or less in words. Ours."""
 
 
+_HEXADECIMAL = re.compile(r"(?<![^\s;,|\"'])0[xX]([0-9A-Fa-f]{1,8})(?![^\s;,|\"'])")
 _NAMED = re.compile(r"([A-Za-z_]\w*)\s*[:=]\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)[\s,;]*")
 
 
@@ -34,6 +35,28 @@ def without_names(text: str) -> str | None:
     begins = next(place for place, row in enumerate(rows) if row)
     body = [",".join(value for _, value in row) for row in rows[begins:]]
     return "\n".join([*[""] * (begins - 1), ",".join(header), *body, ""])
+
+
+def without_hexadecimals(text: str) -> str | None:
+    """Return a text with whole numbers for those such as 0x1F2; None without any, and where they may be negative.
+
+    They may where all have two, four or eight digits at most, and the first bit of these is set in some.
+    """
+    found = _HEXADECIMAL.findall(text)
+    widest = max(map(len, found), default=0)
+    signed = widest in (2, 4, 8) and any(len(one) == widest and one[0] in "89ABCDEFabcdef" for one in found)
+    return None if signed or not found else _HEXADECIMAL.sub(lambda match: str(int(match[1], 16)), text)
+
+
+def refuse_hexadecimals(text: str) -> None:
+    """Refuse numbers such as 0xFFFE, which may be negative."""
+    if found := _HEXADECIMAL.search(text):
+        raise RecordingError(
+            f"got {found[0].strip()[:40]!r}, and others of which nothing says whether they may be negative",
+            remedy="have decimal numbers printed",
+            allowed="hexadecimal numbers without the first bit of 8, 16 or 32",
+            line=text.count("\n", 0, found.start()) + 1,
+        )
 
 
 def without_words(text: str) -> str | None:

@@ -52,6 +52,8 @@ LABCHART = "Interval=\t0.001 s\nChannelTitle=\tAcc\nRange=\t10 V\nUnitName=\tg\n
 QUALISYS = "NO_OF_SAMPLES\t400\nTOT_NO_OF_CHAN\t2\nFREQUENCY\t1500\nDATA_INCLUDED\tANALOG\nCHANNEL_NAMES\tacc\tforce\n"
 SHIMMER = '"sep=\t"\nS_1A\tS_1A\t\nTimestamp\tAccel_X\t\nCAL\tCAL\t\nms\tm/(s^2)\t\n'
 BESIDE = ("Record Length,400,Points,", "Sample Interval,4e-06,s,", "Source,CH1,,", ",,,", "Vertical Units,V,,")
+UNITS = ("Sample Interval,4e-06,,", "Horizontal Units,s,,", "Source,CH1,,")
+RIGOL = "X,CH1,Start,Increment,\nSequence,Volt,-2.0e-01,1.0e-03,\n"
 
 LAYOUTS = {
     "Audacity": (AUDACITY + _rows("{a}"), 44_100, "column 1", ("--rate", "44100")),
@@ -104,8 +106,22 @@ LAYOUTS = {
     "Rohde & Schwarz": ("in s,C1 in V\n" + _rows("{s:.9E},{a:.9E}", 1e5), 100_000, "C1", ()),
     "Tektronix, a header beside the rows": (
         "".join(f"{BESIDE[k] if k < 5 else ',,,'}{k * 4e-6:.8f},{a}\n" for k, a in enumerate(SIGNAL)), 250_000,
-        "column 2", ("--time-unit", "s"),
+        "CH1", (),
     ),
+    "Tektronix, names beside its header": (
+        "Record Length,400,,t,v\n" + "".join(
+            f"{BESIDE[k].replace(',s', ',') if 0 < k < 5 else ',,,'}{k * 4e-6:.8f},{a}\n"
+            for k, a in enumerate(SIGNAL)
+        ), 250_000, "v", ("--time-unit", "s"),
+    ),
+    "Tektronix, units of both": (
+        "".join(f"{UNITS[k] if k < 3 else ',,,'}{k * 4e-6:.8f},{a},\n" for k, a in enumerate(SIGNAL)), 250_000,
+        "CH1", (),
+    ),
+    "Rigol": (RIGOL + _rows("{k},{a},"), 1000, "CH1", ()),
+    "Rigol, two channels": (RIGOL.replace(",CH1", ",CH1,CH2").replace(",Volt", ",Volt,Volt") + _rows("{k},{a},{b},,"),
+                            1000, "CH1", ()),
+    "an arrow behind each time": (_rows("10:15:20.{k:03d} -> {a}"), 1000, "column 2", ()),
     "times that only the rate tells": ("hh,mm,ss,acc\n" + _rows("10,0,{s:.3f},{a}", 500), 500, "acc", ("--rate", "HZ")),
     "words between numbers": ("t_ms,phase,acc\n" + _rows("{ms},rest,{a}"), 1000, "acc", ()),
     "names before numbers": ("Ready\n" + _rows("millis:{ms:.1f},x:{a},y:{b}"), 1000, "x", ()),
@@ -149,3 +165,72 @@ def test_a_run_behind_a_heading_once_more_is_not_joined(tmp_path: Path) -> None:
     with pytest.raises(RecordingError) as refused:
         read(path)
     assert refused.value.finding.line == ROWS + 3
+
+
+@pytest.mark.parametrize(("text", "delimiter"), [(_rows("10:15:20.{k:03d} -> {a}"), ""), (_rows("t_ms:{k} x:{a}"), "")])
+def test_what_stands_between_cells_is_told_as_it_is_in_the_file(tmp_path: Path, text: str, delimiter: str) -> None:
+    path = tmp_path / "log.txt"
+    path.write_text(text)
+    assert (read_as := read(path).read_as) is not None
+    assert read_as.delimiter == delimiter
+
+
+def test_a_column_that_nothing_names_is_chosen_by_its_own_number(tmp_path: Path) -> None:
+    path = tmp_path / "log.txt"
+    path.write_text(_rows("{s:.3f},{a},{b}"))
+    stated = Stated(time_unit="s")
+    assert [read(path, channel=one, stated=stated).samples[1] for one in ("2", "column 3", "3")] == [
+        SIGNAL[1], SIGNAL[1] / 2, SIGNAL[1] / 2
+    ]  # fmt: skip
+
+
+ADC = [512 + int(300 * a / 1.51) for a in SIGNAL]
+
+
+def _adc(row: str) -> str:
+    return "".join(f"{row.format(k=k, v=v)}\n" for k, v in enumerate(ADC))
+
+
+BOARDS = {
+    "zero bytes before the heading": "\0\0\0millis,adc\n" + _adc("{k},{v}"),
+    "zero bytes in a line of their own": "\0\0\nmillis,adc\n" + _adc("{k},{v}"),
+    "zero bytes behind the last row": "millis,adc\n" + _adc("{k},{v}") + "\0" * 512,
+    "hexadecimals": "millis,adc\n" + _adc("{k},0x{v:X}"),
+    "hexadecimals with zeros": "millis,adc\n" + _adc("{k},0x{v:03x}"),
+    "a counter of microseconds that runs over": "micros,adc\n" + "".join(
+        f"{(2**32 - 100_500 + 1000 * k) % 2**32},{v}\n" for k, v in enumerate(ADC)),
+    "a counter of milliseconds that runs over": "millis,adc\n" + "".join(
+        f"{(2**32 - 100 + k) % 2**32},{v}\n" for k, v in enumerate(ADC)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_what_a_board_writes_is_read_right(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(BOARDS[name], newline="")
+    made = read(path)
+    assert (made.samples.tolist(), made.channel, round(made.rate_hz, 3)) == (ADC, "adc", 1000.0)
+    assert [doubt.check for doubt in made.doubts] == (["counter"] if "runs over" in name else [])
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("millis,adc\n" + _adc("{k},{v:X}"), 3),
+        ("millis,adc\n" + "".join(f"{k},0x{v - 512 & 0xFFFF:04X}\n" for k, v in enumerate(ADC)), 2),
+        ("millis,adc\n" + _adc("{k},{v}").replace("\n9,", "\n9\0,"), 11),
+        ("micros,adc\n" + "".join(f"{(2**32 - 9000 + 1000 * k + 5000 * (k > 8)) % 2**32},1\n" for k in range(99)), 11),
+        ("Zeit (s);a (g)\n" + _rows("{s:.3f};{a}").replace(".", ",") + "Mittelwert;0,5\nMax;1,5\n", 402),
+        ("time (s),a (g)\n" + _rows("{s:.3f},{a}") + "\n\nMean,0.5\n", 404),
+        (",time (s),a (g)\n" + _rows(",{s:.3f},{a}") + "Mean,0.5,0.5\n", 402),
+        ("time (s),a (g),\n" + _rows("{s:.3f},{a},") + "0.5,0.5,SD\n", 402),
+    ],
+    ids=["hexadecimals alone", "signed", "a zero byte in a cell", "a gap where a counter runs over", "German",
+         "English", "labels before", "labels behind"],
+)  # fmt: skip
+def test_what_cannot_be_read_for_certain_is_refused_by_its_line(tmp_path: Path, text: str, line: int) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text, newline="")
+    with pytest.raises(RecordingError) as refused:
+        read(path)
+    assert refused.value.finding.line == line
