@@ -30,6 +30,9 @@ FEWEST = 2
 MOST_VALUES = 40
 """Values that a number is tried with; where its test leaves more open, it says too little."""
 
+MOST_EACH = 2
+"""Cells that one cause puts right and of which each is named where their row is added; swapped rows are named once."""
+
 MOST_TRIED = 1_000_000
 """Means and variances that the search for causes may try; counted as `evidence.MOST_WORK` is."""
 
@@ -67,7 +70,7 @@ def find(published: Published, evidence: FromPrint) -> tuple[Published, FromPrin
 def accused(lines: Iterable[Line], printed: Published, causes: Sequence[Cause]) -> Iterator[Line]:
     """Yield the lines of a study that was put right with the wrong numbers as printed, each accused."""
     wrong: dict[Place, tuple[str, str, str]] = {}
-    rows: dict[tuple[str, str], list[str]] = {}
+    rows: dict[tuple[str, str], dict[str, None]] = {}
     for cause in causes:
         settled = f"{cause.text}; with it right, {cause.settles} conflicts are settled"
         for cell in printed.tables():
@@ -75,7 +78,8 @@ def accused(lines: Iterable[Line], printed: Published, causes: Sequence[Cause]) 
             for name, right in cause.cells.get(cell.key, {}).items():
                 wrong[cell.where, cell.task, cell.subject, name] = held[name], right or "none", settled
                 if name != "stars":
-                    rows.setdefault((cell.task, f"row of {cell.presented}"), []).append(f"{right} for {held[name]}")
+                    told = f"with {right} for {held[name]}" if len(cause.cells) <= MOST_EACH else cause.text
+                    rows.setdefault((cell.task, f"row of {cell.presented}"), {})[told] = None
         for task in printed.task:
             if task.id in cause.tasks:
                 number = getattr(task, cause.quantity)
@@ -90,7 +94,7 @@ def accused(lines: Iterable[Line], printed: Published, causes: Sequence[Cause]) 
             value = None if line.quantity == "stars" else Printed(right).value
             yield replace(line, printed=text, recomputed=right, low=value, high=value, verdict="differs", reason=reason)
         elif line.quantity == "row" and (line.task, line.subject) in rows:
-            with_ = f"with {' and '.join(rows[line.task, line.subject])}"
+            with_ = " and ".join(rows[line.task, line.subject])
             own = [cell for cell in printed.tables() if (cell.where, f"row of {cell.presented}") == place[::2]]
             text = added([cell for cell in own if cell.task == line.task])
             yield replace(line, printed=text, reason="; ".join(filter(None, [line.reason, with_])))

@@ -9,7 +9,7 @@ from palpate.experiment.settings.delimited import Record
 SESSION = re.compile(r"session|visit|date|(?<![a-z])(ses|day|run|expstart)(?![a-z])")
 """How the columns are called, in small letters, that name a session or when it was."""
 
-TRIAL = re.compile(r"(?<![a-z])trials?(?![a-z])|trial_?(n|nr|no|num|number|index|id)$")
+TRIAL = re.compile(r"(.*[^a-z])?trials?[ _.-]*(n|nr|no|num|number|index|count)?\.?")
 """How the columns are called, in small letters, that number trials."""
 
 FEWEST = 5
@@ -65,10 +65,12 @@ def numbered_again(header: Sequence[str], trials: Sequence[tuple[str, ...]], row
     """Return the column that numbers trials, of which some of a participant and task have one number, and that no other
     column parts by as many blocks; or nothing.
     """  # fmt: skip
+    if not any(TRIAL.fullmatch(name.lower()) for name in header):
+        return ""
     columns = list(zip(*(row.cells for row in rows), strict=False))
     named = list(zip(header, columns, strict=False))
     for column, numbers in named:
-        if not TRIAL.search(column.lower()) or not all(one.strip().isdecimal() for one in numbers):
+        if not TRIAL.fullmatch(column.lower()) or not all(one.strip().isdecimal() for one in numbers):
             continue
         keys = list(zip(trials, numbers, strict=True))
         if len(set(keys)) == len(keys):

@@ -160,7 +160,7 @@ class _Reader:
 
     def _exported_twice(self, table: Table) -> list[Record]:
         """Return the rows that stand in a table twice, where times or numbers of trials tell them from each other."""
-        told = self._layout.time is not None or any(TRIAL.search(name.lower()) for name in table.header)
+        told = self._layout.time is not None or any(TRIAL.fullmatch(name.lower()) for name in table.header)
         return rows_again(table.rows) if told else []
 
     def _keep_repeated(

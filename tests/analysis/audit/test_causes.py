@@ -93,6 +93,15 @@ def test_swapped_rows_are_named_and_no_test_is_accused(made: dict[str, Any], app
     assert [line.reason for line in accused] == approved
 
 
+def test_the_sums_of_swapped_rows_name_the_swap_once(made: dict[str, Any]) -> None:
+    cells = made["table"][0]["cells"]
+    new = {k: {part: cells[(k + 3) % 6][part] for part in ("mean", "sd")} for k in range(6)}
+    lines = print_lines(printed_study.published(_with(made, new)))
+    swapped = {line.reason.partition(";")[0] for line in lines if line.verdict == "differs"}
+    rows = {line.subject: (line.verdict, line.reason) for line in lines if line.quantity == "row" and line.reason}
+    assert rows == dict.fromkeys(("row of glass", "row of sand"), ("agrees", *swapped))
+
+
 def test_swapped_rows_whose_stars_went_with_them_are_named(made: dict[str, Any], approved: SnapshotAssertion) -> None:
     cells = made["table"][0]["cells"]
     new = {k: {part: cells[(k + 3) % 6].get(part, "") for part in ("mean", "sd", "stars")} for k in range(6)}

@@ -78,7 +78,7 @@ def test_numbers_of_trials_that_occur_again_are_asked_about_unless_a_block_parts
         f"1,{'cork' if k % 3 else 'felt'},cork,{400 + k},{k % 10},{k // 10 if block else 0}\n" for k in range(20)
     )
     path = tmp_path / "blocks.csv"
-    path.write_text(f"{HEAD.strip()},trial,{block or 'note'}\n{rows}")
+    path.write_text(f"{HEAD.strip()},Trial Number,{block or 'trial_duration'}\n{rows}")
     doubts = read_trials([path], LAYOUT, (), Stated(command=("palpate",))).doubts
     assert [one.check for one in doubts] == ([] if block else ["numbers"])
 
