@@ -248,8 +248,12 @@ def _in_several(named: Sequence[str]) -> list[str]:
 def _omissions(trials: Trials, layout: Layout) -> list[str]:
     """Return what rules have left out, a sentence each."""
     told = [
-        f"Rows left out, as stated: {trials.left_out.get((column, value), 0)} with {column} "
-        + ("not empty." if value == ANY else f"= '{value}'.")
+        f"Rows left out, as stated: {trials.left_out.get((column, value), 0)} "
+        + (
+            "exported twice."
+            if column == ANY
+            else f"with {column} " + ("not empty." if value == ANY else f"= '{value}'.")
+        )
         for column, value in layout.leave_out
     ]
     if layout.missing_times:
