@@ -19,7 +19,7 @@ from palpate.experiment.apparatus import opening
 from palpate.experiment.dataset import build, checks, tables
 from palpate.experiment.dataset.status import status
 from palpate.experiment.dataset.verify import verify
-from palpate.experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
+from palpate.experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError, TrackerError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.rehearsal import session, study
