@@ -59,7 +59,8 @@ def test_a_press_counts_behind_all_that_nobody_read(board: SimulatedPedal) -> No
     with closing(Pedal(board.url, 9600)) as pedal:
         board.offer(b"." * 3000)
         board.press()
-        assert pedal.pressed()
+        # A line hands over what came in a few pieces.
+        assert any(pedal.pressed() for _ in range(5))
 
 
 @pytest.mark.parametrize(
