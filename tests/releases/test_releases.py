@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import palpate
-from palpate.analysis.reading import files
+from palpate.analysis.reading import files as reading
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids, build, verify
 from palpate.experiment.protocol import approval, files
@@ -72,7 +72,7 @@ def test_the_next_format_of_datasets_with_a_further_column_refuses_none_before_i
             **({} if kind == "participants" else {"later": {"Description": "Came later."}}),
         }
 
-    for module in (bids, files):
+    for module in (bids, reading):
         monkeypatch.setattr(module, "columns_of", columns_of)
     monkeypatch.setattr(storage, "DATASET_FORMAT", 3)
     monkeypatch.setattr(storage, "DatasetFormat", Literal[2, 3])
