@@ -15,7 +15,7 @@ from palpate.experiment.rehearsal import study
 from tests.rig import sound
 from tests.rig.headless import answers, short
 
-pytestmark = pytest.mark.clocked
+pytestmark = pytest.mark.alone
 
 
 def test_a_simulated_participant_says_the_answers_into_the_microphone(
