@@ -160,7 +160,7 @@ def _sentences(lines: Sequence[Line]) -> Iterator[str]:
         if len(same) > (1 if verdict in UNDECIDED else MOST_ALIKE if reason else len(same)):
             subjects = " to ".join(dict.fromkeys((same[0].subject, same[-1].subject)))
             cells = len({one.subject for one in same}) if {one.quantity for one in same} <= set(MARKS) else 0
-            yield f"{place}, {subjects}: {len(same)} numbers{f' in {cells} cells' if cells else ''}; {why}"
+            yield f"{place}, {subjects}: {len(same)} numbers{f' in {cells} cells' if cells > 1 else ''}; {why}"
             continue
         for one in same:
             found = "" if verdict in UNDECIDED else f"; recomputed {one.recomputed}"
