@@ -42,7 +42,7 @@ def without_hexadecimals(text: str) -> str | None:
 
     They may where all have two, four or eight digits at most, and the first bit of these is set in some.
     """
-    found = _HEXADECIMAL.findall(text)
+    found = _HEXADECIMAL.findall(text) if "0x" in text or "0X" in text else []
     widest = max(map(len, found), default=0)
     signed = widest in (2, 4, 8) and any(len(one) == widest and one[0] in "89ABCDEFabcdef" for one in found)
     return None if signed or not found else _HEXADECIMAL.sub(lambda match: str(int(match[1], 16)), text)
