@@ -16,7 +16,7 @@ from scipy.special import ndtr, ndtri, stdtr
 from palpate.analysis.designs.detection import results
 from palpate.analysis.documents.tables import Column, Record, tabulate
 from palpate.analysis.power.planned_tests import Answer, Answers, Design, Model, Question, Shown
-from palpate.analysis.power.stated import StatedValue, by_task
+from palpate.analysis.power.stated import StatedValue, by_task, other_study
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading import dataset
 from palpate.analysis.statistics.exact import Floats
@@ -179,7 +179,7 @@ def fitted(folder: Path, protocol: Protocol) -> DetectionModel:
     """Return the observers of a dataset: means of d', and the SD that exceeds what d' of few trials varies by."""
     study = dataset.read(folder)
     if study.design != protocol.tasks[0].design:
-        raise PowerError(f"{folder}", "got other answers", "choose another --model", allowed="answers to signals")
+        raise other_study(folder, PRINTED, NUMBERS)
     found = {of.task.id: of.tracks for of in results.compute(study).tasks}
     tasks = []
     for task in _planned(protocol):

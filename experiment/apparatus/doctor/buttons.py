@@ -23,7 +23,7 @@ PRESS_S = 60.0
 """So long somebody has to press every button, s."""
 
 FEW = 5
-"""Of fewer lines or presses no delays are told."""
+"""Delays are reported from so many lines or presses on."""
 
 
 def checks(rig: Rig, port: str | None, presses: int, *, clock: Clock) -> Iterator[Finding]:

@@ -38,7 +38,7 @@ def check(rig: Rig) -> None:
 
 
 ANEW = "read the sensor again with nothing and with known weights on the panel, and write the day into the rig file"
-"""How a calibration is made anew."""
+"""The remedy for a calibration that is too old."""
 
 
 def check_age(rig: Rig, today: date) -> None:

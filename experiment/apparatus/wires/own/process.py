@@ -65,9 +65,9 @@ class DriverFault(Exception):
 
 
 def showing(secret: bytes, server: socket.socket, within_s: float | None) -> socket.socket:
-    """Return the connection of whoever shows a secret, None: however late; others that connect are let go.
+    """Return the first connection that sends a secret, and close the others.
 
-    Raises `OSError`.
+    It may take `within_s` seconds, or as long as it likes for None. Raises `OSError`.
     """
     ends_s, others = None if within_s is None else time.monotonic() + within_s, list[socket.socket]()
     with ExitStack() as stack:
@@ -280,7 +280,7 @@ class Force(Role):
         return {"port": self._server.getsockname()[1], "secret": self._secret.hex()}
 
     def _work(self) -> None:
-        """Serve one connection after the other, of whoever shows the secret."""
+        """Serve the connections that send the secret, one after another."""
         beside.raise_above_sessions()
         threading.Thread(target=self._guard, daemon=True).start()
         try:

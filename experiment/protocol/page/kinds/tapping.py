@@ -91,15 +91,15 @@ def _force(limit_n: float, virtual: Tapping) -> str:
             "is off is not known."
         )
     said += (
-        ". A block that is held gives no energy to the hand (Colgate and Schenkel 1997) on a device that has a damping "
-        f"of its own of {k / virtual.rate_hz / 2 + c:.4g} N s/m, K T / 2 + C, where speed is the difference of two "
-        "samples, and with less where an observer is told the force it sent. No participant is run on a rig that has "
-        "less than it needs. "
+        ". A fixed block cannot feed energy into the hand (Colgate and Schenkel 1997) on a device whose own damping is "
+        f"at least {k / virtual.rate_hz / 2 + c:.4g} N s/m (K T / 2 + C) if speed is the difference of two samples. "
+        "Less is enough if the servo also uses the force that it sent. No session runs on a rig with less damping than "
+        "it needs. "
     )
     if virtual.force_error_max is None:
         return f"{said}No limit is set on how far the force may be off."
     return (
-        f"{said}Nor is one run on a rig whose force is off by more than {number(100 * virtual.force_error_max)} % "
+        f"{said}No session runs on a rig whose force is off by more than {number(100 * virtual.force_error_max)} % "
         "(rms, of the block's force within the limit) when a simulated hand rests inside or taps."
     )
 
