@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from palpate.analysis.statistics.exact import NotDefined
-from palpate.analysis.statistics.psychophysics.psychometric import fit, psychometric
+from palpate.analysis.statistics.psychophysics.psychometric import _Data, fit, psychometric
 
 X = np.array([-24.0, -20, -16, -12, -8, -4])
 TRIALS = np.full(6, 30.0)
-
-
-@pytest.mark.parametrize(
+R_FITS = pytest.mark.parametrize(
     ("right", "guess", "printed"),
     [
         # R 4.2.2: glm(cbind(k, 30 - k) ~ x, family = binomial(probit)): -b0/b1 and 1/b1.
@@ -21,6 +19,9 @@ TRIALS = np.full(6, 30.0)
         ([16, 18, 22, 26, 29, 30], 0.5, (-15.49315538, 4.90120209)),
     ],
 )
+
+
+@R_FITS
 def test_without_lapses_the_posterior_of_many_trials_is_at_what_r_fits(
     right: list[int], guess: float, printed: tuple[float, float]
 ) -> None:
@@ -30,6 +31,21 @@ def test_without_lapses_the_posterior_of_many_trials_is_at_what_r_fits(
     assert found.lapse.value == 0.0
     few = fit(X, np.array(right, dtype=float), TRIALS, guess=guess, lapse=0.0)
     assert few.threshold.low < printed[0] < few.threshold.high
+
+
+@R_FITS
+def test_without_lapses_the_most_probable_function_is_what_r_fits(
+    right: list[int], guess: float, printed: tuple[float, float]
+) -> None:
+    """Every prior is flat then, so that R's greatest likelihood is the top of the posterior: of a paraboloid there."""
+    data = _Data(X, np.array(right, dtype=float), TRIALS, guess)
+    near = np.linspace(-0.003, 0.003, 7)
+    weight = data.posterior(printed[0] + near, np.log(printed[1]) + near, np.zeros(1))[..., 0]
+    one, other = (of.ravel() for of in np.meshgrid(near, near, indexing="ij"))
+    terms = np.stack([np.ones_like(one), one, other, one**2, one * other, other**2], axis=1)
+    _, b, c, d, e, f = np.linalg.lstsq(terms, np.log(weight).ravel(), rcond=None)[0]
+    off = np.linalg.solve([[2 * d, e], [e, 2 * f]], [-b, -c])
+    assert (printed[0] + off[0], printed[1] * np.exp(off[1])) == pytest.approx(printed, abs=2e-5)
 
 
 def test_of_many_trials_the_posterior_is_what_r_says_of_its_estimates() -> None:
