@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Generator, Iterator
@@ -147,6 +148,14 @@ def _as_in_a_shell() -> Iterator[None]:
     yield
     signal.signal(signal.SIGINT, before)
     os.environ.pop("PYTHONSAFEPATH", None)
+
+
+@pytest.fixture
+def no_process_stays() -> Iterator[None]:
+    """What a test starts has ended with it; the pool of workers that a test before it left may stay."""
+    before = {one.pid for one in multiprocessing.active_children()}
+    yield
+    assert {one.pid for one in multiprocessing.active_children()} <= before
 
 
 @pytest.fixture

@@ -148,7 +148,9 @@ def test_what_is_timed_is_timed_at_the_priority_of_a_session(
     _, out, _ = palpate("doctor", "--rig", rig, "--json")
     assert seen == [session] * 3
     assert standing() == before
-    assert verdicts(out)["priority"]["measured"].startswith(f"{got}; ")
+    # Whether a core is free for one thread alone changes from moment to moment.
+    level, *_ = got.split(",")
+    assert re.split("[,;]", verdicts(out)["priority"]["measured"])[0] == level
 
 
 BROKEN = """
