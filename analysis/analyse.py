@@ -138,7 +138,7 @@ def _bids(study: Study) -> dict[str, bytes]:
     }
     ignored = f"{page.REPORT}\n{page.METHODS}\nresults.json\n{MANIFEST}\ntables\nfigures\n"
     label = [study.label] if study.label else []
-    readme = "\n\n".join([*label, "palpate analyse made these tables, figures and report.\n"])
+    readme = "\n\n".join([*label, "These tables, figures and the report were written by palpate analyse.\n"])
     return {
         "dataset_description.json": (json.dumps(description, indent=2, ensure_ascii=False) + "\n").encode(),
         "README": readme.encode(),

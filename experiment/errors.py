@@ -196,13 +196,13 @@ def other_format(
         return None
     newer = type(got) is int and got > max(known)
     reads = f"format {known[0]}" if len(known) == 1 else f"formats {min(known)} to {max(known)}"
-    by = f"{'a newer' if newer else 'an unreleased'} palpate"
+    by = f"{'a newer' if newer else 'an unreleased'} version of palpate"
     number = "has no number" if got is None else f"is {got!r:.20}"
-    use = "update palpate" if newer else "open it with the version that wrote it"
+    use = "update palpate" if newer else "open it with that version"
     return OtherFormat(
         file,
-        f"made by {by}{f' ({software:.80})' if software else ''}. The format of this {what} {number}; this palpate "
-        f"reads {reads}. The file is not damaged",
+        f"made by {by}{f' ({software:.80})' if software else ''}. The format of this {what} {number}; this version "
+        f"of palpate reads {reads}. The file is not damaged",
         mend or f"to use it, {use}",
         line=line,
     )

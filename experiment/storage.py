@@ -72,7 +72,7 @@ def read_bytes(path: Path, most: int = MOST, at: int = 0, length: int = sys.maxs
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(found.st_mode):
-        raise OSError(errno.EINVAL, "a device, a pipe or a socket, not a file", str(path))
+        raise OSError(errno.EINVAL, "it is a device, a pipe or a socket, not a file", str(path))
     if found.st_size > most:
         raise OSError(errno.EFBIG, f"{found.st_size:,} bytes, more than {most:,}", str(path))
     with path.open("rb") as file:
@@ -121,7 +121,7 @@ def _whole(number: str) -> int:
         raise ValueError(f"a number of {len(number)} digits") from None
 
 
-TOO_DEEP = f"tables or arrays in one another more than {DEEPEST} times"
+TOO_DEEP = f"tables or arrays nested more than {DEEPEST} levels deep"
 
 
 def extreme(document: object) -> tuple[Place, str] | None:
@@ -133,7 +133,7 @@ def extreme(document: object) -> tuple[Place, str] | None:
         inner: list[tuple[Place, object]] = []
         for place, held in level:
             if isinstance(held, int) and not -(2**63) <= held < 2**63:
-                return place, "a whole number of more than 64 bits"
+                return place, "a whole number longer than 64 bits"
             items: Iterable[tuple[Any, object]] = ()
             if isinstance(held, dict):
                 items = held.items()
@@ -178,17 +178,17 @@ def create(path: Path, content: bytes) -> None:
 
 
 REMEDIES = {
-    errno.ENOSPC: "make room on that disk",
-    errno.EDQUOT: "make room within your quota",
+    errno.ENOSPC: "free some space on that disk",
+    errno.EDQUOT: "free some space within your quota",
     errno.EFBIG: "allow larger files (ulimit -f), or use another file system",
-    **dict.fromkeys((errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP), "use a local disk, whose file system locks files"),
+    **dict.fromkeys((errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP), "use a local disk, whose file system can lock files"),
 }
 """What to do about what a system refuses, by its number."""
 
 
 def remedy(error: OSError) -> str:
     """Return what to do about it."""
-    return REMEDIES.get(error.errno or 0, "mend that")
+    return REMEDIES.get(error.errno or 0, "correct that")
 
 
 @contextmanager

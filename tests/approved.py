@@ -29,7 +29,7 @@ OF_A_MACHINE = {
     r"/\S*/pytest-of-\w+/pytest-\d+/(?:popen-gw\d+/)?\w+": "FOLDER",
     r"127\.0\.0\.1:[3-6]\d{4}\b": "127.0.0.1:PORT",
     r"/dev/pts/\d+": "/dev/pts/N",
-    r"connected are [^;]*": "connected are PORTS",
+    r"connected ports are [^;]*": "connected ports are PORTS",
     r"\bdriver_\d+": "driver_N",
     r"\b(?!(.)\1{11})[0-9a-f]{12}(?:[0-9a-f]{52})?\b": "HASH",
     f"{date.today()}|{datetime.now(UTC).date()}": "TODAY",

@@ -29,18 +29,18 @@ KINDS = {
     "text": f"text, not blank, {VISIBLE}",
     "text or none": f"text {VISIBLE}",
     "line": f"one line of text, not blank, {VISIBLE}",
-    "name": f"one line of 1 to 40 characters, a letter or digit first, no blank last, without double quotes or letters "
-    f"that run from right to left, {VISIBLE}",
-    "label": "up to 32 lower-case letters and digits, a letter first (it names files)",
-    "key": "one ASCII character, neither a capital letter nor a blank",
+    "name": f"one line of 1 to 40 characters that starts with a letter or digit, does not end with a space, "
+    f"and contains no double quotes or right-to-left letters; {VISIBLE}",
+    "label": "up to 32 lowercase letters and digits, starting with a letter (it becomes part of file names)",
+    "key": "one ASCII character, but no capital letter or space",
     "date": "a date without quotes, such as 2012-04-01",
-    "address": "host:port, such as 127.0.0.1:4711, a port of its own for each server",
-    "column": "up to 32 lower-case letters, digits and _, a letter first (it heads a column)",
-    "class": "package.module:Class of a driver of your own",
+    "address": "host:port, such as 127.0.0.1:4711, with a separate port for each server",
+    "column": "up to 32 lowercase letters, digits and _, starting with a letter (column heading)",
+    "class": "package.module:Class for your own driver",
     "table file": "the name of a .csv file in the folder of the rig file",
     "hash": "64 hexadecimal digits, as sha256sum prints them",
     "PsychoPy key": "a key as PsychoPy names it: up, down, left, right, return, space, num_add, a, 1",
-    "path": "a path, from the folder of the rig file or, after ~/, from your home folder",
+    "path": "a path, relative to the rig file's folder or, after ~/, to your home folder",
 }
 """What stands for words of palpate's errors, which the head of the file repeats."""
 
@@ -65,8 +65,8 @@ EVIDENT = ("line", "text or none", "yes/no")
 
 HEAD = f"""# Keys
 
-Written by `python -m tests.keys`. `?` marks an optional key, `=` a default, `[≥2]` an array. Units end the names.
-Clean text is {VISIBLE}.
+Written by `python -m tests.keys`. `?` marks an optional key, `=` a default, `[≥2]` an array. Names end with units.
+Clean text is text {VISIBLE}.
 """
 
 

@@ -212,7 +212,7 @@ def named_files(source: str) -> set[str]:
     quiet = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr) and id(node) not in helps}
     texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in quiet]
     rooms = r"(?:experiment|analysis|tests|protocols|participants|palpate/guide)"
-    file = rf"\b{rooms}/[\w./-]+\.(?:md|toml|csv)\b(?!` of its repository)"
+    file = rf"\b{rooms}/[\w./-]+\.(?:md|toml|csv)\b(?!` in palpate's repository)"
     return {name for text in texts if isinstance(text, str) for name in re.findall(file, text)}
 
 
@@ -222,7 +222,7 @@ def named_files(source: str) -> set[str]:
         ('raise PalpateError("see tests/README.md")', {"tests/README.md"}),
         ('"""Derived in `analysis/x.md`."""\ndef f():\n    """`tests/x.csv` has it."""\n', set()),
         ('@commands.command()\ndef f():\n    """See protocols/a.toml."""\n', {"protocols/a.toml"}),
-        ('TEXT = "`tests/README.md` of its repository shows how."', set()),
+        ('TEXT = "`tests/README.md` in palpate\'s repository shows how."', set()),
     ],
     ids=["error", "docstring", "help", "repository"],
 )

@@ -38,7 +38,7 @@ PRINT = "PRINT"
 """Stands for an origin where printed numbers are compared with one another, not with a dataset."""
 
 OWN = {
-    "PRACTICE": "practised", "REHEARSAL": "rehearsed", "RECONSTRUCTION": "recomputed", "PARTICIPANT": "measured",
+    "PRACTICE": "practiced", "REHEARSAL": "rehearsed", "RECONSTRUCTION": "recomputed", "PARTICIPANT": "measured",
     "PILOT": "measured", "IMPORTED": "measured", PRINT: "recomputed",
 }  # fmt: skip
 """Heading of the numbers with which the printed ones are compared, by origin."""
@@ -143,7 +143,7 @@ class Audit:
         found = [line for line in lines if line.verdict != "agrees" and line not in undecided]
         which = " and ".join(["was read"] * bool(self.passed_over) + ["can be checked"] * bool(undecided))
         texts = [] if found else [f"Every printed number{f' that {which}' if which else ''} agrees as rounded."]
-        for title, held in (("What does not agree as rounded", found), ("What cannot be decided", undecided)):
+        for title, held in (("Does not agree as rounded", found), ("Cannot be decided", undecided)):
             if held:
                 told = (
                     textwrap.fill(one, width, subsequent_indent="  ", break_on_hyphens=False)
@@ -182,13 +182,13 @@ def audit(target: str, against: Path | None = None, stated: Stated | None = None
             target,
             "got --participants, --trials or --chance",
             "leave them out",
-            allowed="for an HTML page or a CSV file, whose tables do not say them",
+            allowed="only with an HTML page or a CSV file, whose tables do not give these numbers",
         )
     if path.is_dir():
         return _dataset(path, against)
     if against is not None:
         raise PublishedError(
-            f"--against {against}", f"{target} is no dataset", "give the folder of one, or leave it out"
+            f"--against {against}", f"{target} is not a dataset", "give the folder of a dataset, or leave it out"
         )
     if is_paper:
         from palpate.analysis.audit.sentences import sentence_lines
@@ -199,7 +199,7 @@ def audit(target: str, against: Path | None = None, stated: Stated | None = None
             raise PublishedError(
                 path,
                 f"no printed number could be read; {' '.join(found.passed_over).rstrip('.')[:600]}",
-                "state the decimal sign or the encoding, or write a TOML file",
+                "state the decimal separator or the encoding, or write a TOML file",
                 allowed="numbers such as 0.25 or 0,25",
             )
         comparison = Comparison(found.printed.source, lines, (), found.unread)
@@ -218,11 +218,11 @@ def _asks(block: PrintedBlock) -> str:
     """Return in sentences what a block asks: C v, and K T / 2 + C (Colgate and Schenkel 1997)."""
     asked_n = block.damping_n_s_m * block.fastest_mm_s * 1e-3
     needed = block.stiffness_n_m / block.rate_hz / 2 + block.damping_n_s_m
-    verdict = f"more than the {block.force_n:g} N that it makes" if asked_n > block.force_n else "which it makes"
+    verdict = "more than" if asked_n > block.force_n else "within"
     return (
-        f"{block.where}: at a touch of {block.fastest_mm_s:g} mm/s the damper asks {asked_n:.4g} N of the device, "
-        f"{verdict}. With the hand's speed as the difference of two samples at {block.rate_hz:g} Hz, the block gives "
-        f"no energy to any hand only on a device with {needed:.4g} N s/m of its own."
+        f"{block.where}: at a touch of {block.fastest_mm_s:g} mm/s, the damper needs {asked_n:.4g} N, {verdict} the "
+        f"device's {block.force_n:g} N. If hand speed is the difference of two samples at {block.rate_hz:g} Hz, the "
+        f"block is passive only on a device with at least {needed:.4g} N s/m of physical damping."
     )
 
 
@@ -231,7 +231,8 @@ def _dataset(root: Path, against: Path | None) -> Audit:
     printed = published.read(against) if against else published.load(study.id)
     if printed is None:
         raise DatasetError(
-            f"study {study.id} has no printed numbers here", remedy="write them down and give the file to --against"
+            f"palpate has no printed numbers for study {study.id}",
+            remedy="write them to a file and give it as --against",
         )
     if not study.attempts["included"].any():
         raise nothing_left(str(root), study.exclusions)
@@ -257,7 +258,7 @@ def _icc(icc: PrintedIcc, results: Results) -> Line:
     forms = [form.value for table in results.reliabilities if table.icc for form in table.icc.forms]
     others = [form for form in forms if form is not None]
     spread = f"; the Shrout-Fleiss forms give {min(others):.2f} to {max(others):.2f}" if others else ""
-    reason = f"no formula is printed; the variance-component ICC of the mean of {k} gives this{spread}"
+    reason = f"no formula is printed; this is the variance-component ICC, mean of {k} participants{spread}"
     shown = "-" if value is None else f"{value:.3f}"
     return cited.text("ICC", icc.value.text, shown, "cannot be decided", reason, value)
 
@@ -297,7 +298,7 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
         f"{comparison.source}. {ABOUT[origin].substitute()}",
         " ".join(map(_correlated, comparison.correlations)),
     )
-    title = "Printed numbers against one another" if origin == PRINT else "Against the paper"
+    title = "Printed numbers compared with each other" if origin == PRINT else "Comparison with the paper"
     records = tuple(_record(line, origin) for line in comparison.lines)
     return Section("comparison", title, tuple(filter(None, paragraphs)), tables, records)
 
@@ -318,7 +319,7 @@ def _table(title: str, lines: Sequence[Line], origin: str) -> Table:
     doubts = Counter(doubt for group in groups if (doubt := _doubt(group)))
     often = [doubt for doubt, count in doubts.items() if count > 1]
     shared = often[0] if len(often) == 1 else None
-    notes = (f"{shared[0].capitalize()}, where nothing else is said: {shared[1]}.",) if shared else ()
+    notes = (f"{shared[0].capitalize()}, unless noted otherwise: {shared[1]}.",) if shared else ()
     held = origin in HELD
     marked = frozenset((i, 3) for i, group in enumerate(groups) if held and not all(line.agrees for line in group))
     columns = (
@@ -337,7 +338,7 @@ def _correlated(one: Correlation) -> str:
             f"{one.task}: the {one.cells} cells of the printed table correlate with this dataset's at r = {one.r:.4f}."
         )
     why = f"because {one.statement}"
-    return f"{one.task}: the {one.cells} cells of the printed table have no correlation with this dataset's, {why}."
+    return f"{one.task}: no correlation between the {one.cells} cells of the printed table and this dataset's, {why}."
 
 
 def _counted(lines: Sequence[Line], origin: str) -> str:

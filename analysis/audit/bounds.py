@@ -248,7 +248,7 @@ def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int, work:
 def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
     """Return the sums of counts, one for each column, that add up to `wanted`."""
     if math.prod(max(1, len(column)) for column in columns) > MANY:
-        raise Undecided(f"the printed means can stand for more than {MANY} sums")
+        raise Undecided(f"the printed means can represent more than {MANY} sums")
     found = [sums for sums in product(*columns) if sum(sums) == wanted]
     if len(found) > MOST_SUMS:
         raise Undecided(f"the printed means can add up in more than {MOST_SUMS} ways")
@@ -288,7 +288,7 @@ def _ways(trials: int, answers: int, *, some_missing: bool) -> NDArray[np.int64]
     """Return every way to spread trials over answers, shape (ways, answers); the trials left over have no answer."""
     places = answers + some_missing
     if math.comb(trials + places - 1, places - 1) > MANY:
-        raise Undecided(f"{trials} trials spread over {places} answers in more than {MANY} ways")
+        raise Undecided(f"{trials} trials can be divided among {places} answers in more than {MANY} ways")
     # The trials between two of places - 1 bars have one answer.
     bars = np.array(list(combinations(range(trials + places - 1), places - 1)), dtype=np.int64)
     return np.diff(bars, prepend=-1, append=trials + places - 1)[:, :answers] - 1
@@ -305,7 +305,7 @@ def _programme(
     columns = len(ways) + EACH_COLUMNS
     nodes = work.left // columns
     if nodes < 1:
-        raise Undecided(f"not decided within the {MOST_COLUMNS} columns that all rows of the file have together")
+        raise Undecided(f"undecided: the search reached its limit of {MOST_COLUMNS} columns for all rows in the file")
     rows = np.vstack([np.ones(len(ways)), ways.T, (ways**2).T])
     constraint = LinearConstraint(rows, [n, *sums, *low], [n, *sums, *high])
     whole, limit = np.ones(len(ways)), {"node_limit": nodes}
@@ -314,12 +314,14 @@ def _programme(
     if result.status == 2:
         return None
     if result.x is None:
-        raise Undecided("the search for whole counts was broken off before it found some or showed that there are none")
+        raise Undecided("the search for whole counts stopped before it found any or showed that none exist")
     counts = np.repeat(ways, np.rint(result.x).astype(np.int64), axis=0)
     right = len(counts) == n and tuple(counts.sum(axis=0)) == tuple(sums)
     spread = [int(value) for value in (counts**2).sum(axis=0)]
     if not (right and all(one.holds(Fraction(value)) for one, value in zip(squares, spread, strict=True))):
-        raise Undecided("the search for whole counts met its rounding error, and found none that give the row")
+        raise Undecided(
+            "the search for whole counts reached its numerical precision without finding any that give the row"
+        )
     return counts
 
 

@@ -72,13 +72,13 @@ def accused(lines: Iterable[Line], printed: Published, causes: Sequence[Cause]) 
     wrong: dict[Place, tuple[str, str, str]] = {}
     rows: dict[tuple[str, str], dict[str, None]] = {}
     for cause in causes:
-        settled = f"{cause.text}; with it right, {cause.settles} conflicts are settled"
+        settled = f"{cause.text}; correcting this resolves {cause.settles} conflicts"
         for cell in printed.tables():
             held = {"mean": cell.mean.text, "SD": cell.sd.text if cell.sd else "", "stars": cell.stars or "none"}
             for name, right in cause.cells.get(cell.key, {}).items():
                 wrong[cell.where, cell.task, cell.subject, name] = held[name], right or "none", settled
                 if name != "stars":
-                    told = f"with {right} for {held[name]}" if len(cause.cells) <= MOST_EACH else cause.text
+                    told = f"with {right} instead of {held[name]}" if len(cause.cells) <= MOST_EACH else cause.text
                     rows.setdefault((cell.task, f"row of {cell.presented}"), {})[told] = None
         for task in printed.task:
             if task.id in cause.tasks:
@@ -277,7 +277,7 @@ def _exchanges(text: str, by_chance: float, pairs: Sequence[tuple[PrintedCell, P
             stars |= {cell.key: {**mean, **sd, **moved}} if mean or sd or moved else {}
     yield Cause(text, by_chance, numbers)
     if stars != numbers:
-        yield Cause(f"{text}, and their stars with them", by_chance, stars)
+        yield Cause(f"{text}, together with their stars", by_chance, stars)
 
 
 def _values(
@@ -303,7 +303,7 @@ def _values(
                 if Printed(text).exact != old.exact:
                     kind, by_chance = _kind(name, old, Printed(text), cell, task.participants if task else 0)
                     yield Cause(
-                        mistake_words(f"{kind}: {text} would stand", by_chance % 1), by_chance, {cell.key: {name: text}}
+                        mistake_words(f"{kind}: {text} would fit", by_chance % 1), by_chance, {cell.key: {name: text}}
                     )
 
 
@@ -343,8 +343,11 @@ def _kind(name: str, printed: Printed, right: Printed, cell: PrintedCell, n: int
             ("it is the variance", right.value**2),
             ("it is the standard error", right.value / math.sqrt(max(n, 1))),
             ("it is the population SD", right.value * math.sqrt(max(n - 1, 0) / max(n, 1))),
-            ("it is the SD of a binomial with the trials of a participant", math.sqrt(share / max(trials, 1))),
-            ("it is the SD of a binomial with all trials", math.sqrt(share / max(n * trials, 1))),
+            (
+                "it is the SD of a binomial distribution over one participant's trials",
+                math.sqrt(share / max(trials, 1)),
+            ),
+            ("it is the SD of a binomial distribution over all trials", math.sqrt(share / max(n * trials, 1))),
         ):
             if abs(value - printed.value) <= printed.unit / 2 + right.unit / 2 * ("binomial" not in text):
                 found[text] = 0.02
@@ -357,7 +360,7 @@ def _kind(name: str, printed: Printed, right: Printed, cell: PrintedCell, n: int
     digits = sum(sign.isdigit() for sign in printed.text.lstrip("0."))
     fitting = {slip: len(values) / 10 ** max(digits, 1) for slip, values in made.items() if right.exact in values}
     found |= {slip: min(share, 0.99) for slip, share in fitting.items() if not found or slip == SWAPPED}
-    return ("; or ".join(found), min(found.values())) if found else ("no simple mistake gives it", 1.0)
+    return ("; or ".join(found), min(found.values())) if found else ("no simple mistake explains it", 1.0)
 
 
 def _of_tasks(published: Published, conflicts: frozenset[Place]) -> Iterator[Cause]:
@@ -366,7 +369,7 @@ def _of_tasks(published: Published, conflicts: frozenset[Place]) -> Iterator[Cau
         if in_task[task.id] >= 3:
             for n in (task.participants - 1, task.participants + 1):
                 if n > 1:
-                    text = f"all printed numbers of the task fit {n} participants better"
+                    text = f"all printed numbers for the task fit {n} participants better"
                     yield Cause(text, 0.05, tasks=(task.id,), quantity="participants", value=n)
     for trials in dict.fromkeys(task.trials for task in published.task if task.trials):
         tasks = tuple(task.id for task in published.task if task.trials == trials)

@@ -58,11 +58,11 @@ def _earned(p: float, levels: Sequence[PrintedLevel]) -> str:
 
 
 NO_NULL = "the value that it was tested against is not printed"
-CONSTANT = "every value is the same, so that t and P are not defined"
+CONSTANT = "every value is the same, so t and P are not defined"
 
 INSTEAD: Mapping[Misreading, str] = {
-    "the population SD": "t was formed with sqrt(n - 1), and P follows it",
-    "the standard error": "what is printed as t is Cohen's d, and P follows it",
+    "the population SD": "t was computed with sqrt(n - 1), and P follows from it",
+    "the standard error": "the printed t is Cohen's d, and P follows from it",
 }
 """What gives the same t and P as a misread SD does."""
 
@@ -196,12 +196,12 @@ class Checks:
         if test is None or test.p is None:
             return ""
         if from_p:
-            return f"beside them P = {test.p.text} is printed"
+            return f"the P printed with them is {test.p.text}"
         if not self._diagnose or stars_of(test.p, self._published.levels) != printed:
             return ""
         both = hull([p_of_t(t_of(one, n), n - 1) for one in self.effects(test)])
         value = " to ".join(dict.fromkeys(f"{float(p):.2g}" for p in (both.low, both.high)))
-        return f"they follow the printed P = {test.p.text}; recomputed P = {value}"
+        return f"they match the printed P = {test.p.text}; recomputed P = {value}"
 
     def _by_printed_p(self, test: PrintedT) -> tuple[str, ...]:
         """Return the stars that the test's printed P earns, or none where that P is missing or does not stand."""
@@ -323,7 +323,7 @@ def _slip_of_f(printed: PrintedF, narrow: Sequence[Interval], values: Sequence[I
     for slip, text in mistakes.slips(printed.f.text):
         held = [one.common(either(Printed(text))) for one in values if one.meets(either(Printed(text)))]
         if held and judge(printed.p, [p_of_f(one, df) for one in held])[0] in AGREES:
-            return f"{slip}: {text} would stand, and gives the P beside it"
+            return f"{slip}: {text} would fit, and gives the printed P"
     return ""
 
 
@@ -342,8 +342,8 @@ def is_in(printed: PrintedF, cell: PrintedCell) -> bool:
 def _cut(sd: Printed, held: Sequence[Moments]) -> str:
     """Return why an SD has to be truncated beside its t, and whether rounding the population SD prints it as well."""
     population = [one.variance.times(Fraction(one.n - 1, one.n)) for one in held]
-    either = "; or it is the population SD, divided by n, not n - 1"
-    return "the printed t needs it" + either * (judge(sd, population, squares=True)[0] == "agrees")
+    either = "; or it is the population SD (computed with n, not n - 1)"
+    return "the printed t requires this" + either * (judge(sd, population, squares=True)[0] == "agrees")
 
 
 @functools.lru_cache(maxsize=16)

@@ -42,7 +42,7 @@ from palpate.experiment.errors import PublishedError
 Misreading = Literal["the population SD", "the standard error"]
 """What may be printed in the place of an SD."""
 
-NO_STEPS = "neither trials nor a scale give the values steps, so that any mean and SD are possible"
+NO_STEPS = "neither trials nor a scale restricts the values, so any mean and SD are possible"
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def _measured(values: Sequence[Fraction]) -> Sample:
     return Sample(n, only, only)
 
 
-TOO_MANY = "so many counts give it that counting decides nothing"
+TOO_MANY = "so many counts give it that counting cannot decide"
 NO_CELL = "neither mean nor SD is printed"
 NO_SD = "no SD is printed"
 MANY = 20_000
@@ -314,7 +314,7 @@ class FromPrint:
     def _fitting(self, cell: PrintedCell) -> Sample:
         n = self._n(cell.task)
         if n is None or n < 2:
-            return Sample(n or 0, statement="the number of participants is not printed, or below two")
+            return Sample(n or 0, statement="the number of participants is not printed, or is below two")
         if cell.sd is None:
             any_sd = (self._counted(cell, n, cell.scale, ANY) if cell.scale else None) or ()
             return Sample(n, any_sd, any_sd, NO_SD)
@@ -369,8 +369,8 @@ class FromPrint:
         if not self.work.spend(amount):
             raise PublishedError(
                 self._published.study,
-                f"got printed numbers that {MOST_WORK} means and variances are too few to check",
-                "divide the file into one for each table and its tests",
+                f"got printed numbers that take more than {MOST_WORK} means and variances to check",
+                "split it into one file for each table and its tests",
             )
 
     def _n(self, task: str) -> int | None:

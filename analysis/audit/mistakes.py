@@ -188,7 +188,7 @@ def slip_of(printed: Printed, values: Sequence[Interval], *, squares: bool = Fal
     digits = len(_places(printed.text))
     for slip, texts in [*fitting.items()][:1]:
         by_chance = len(texts) * tried[slip] / 10 ** max(digits, 1)
-        found.append(mistake_words(f"{slip}: {' or '.join(texts[:3])} would stand", by_chance))
+        found.append(mistake_words(f"{slip}: {' or '.join(texts[:3])} would fit", by_chance))
     return "; or ".join(found)
 
 
@@ -196,16 +196,16 @@ def of_mean(means: Sequence[Interval], n: int, sizes: Iterable[int]) -> Iterator
     """Yield mistakes in a mean of `n`; `sizes` are the study's other numbers of participants."""
     for size in sizes:
         values = tuple(mean.times(Fraction(n, size)) for mean in means)
-        yield Mistake(f"the sum was divided by {plural(size, 'participant')}, where n is {n}", values)
+        yield Mistake(f"the sum was divided by {plural(size, 'participant')}, but n is {n}", values)
     yield Mistake("it was printed as a percentage", tuple(mean.times(Fraction(100)) for mean in means))
-    yield Mistake("it is 1 less the ratio", tuple(mean.times(Fraction(-1)).plus(point(Fraction(1))) for mean in means))
+    yield Mistake("it is 1 minus the ratio", tuple(mean.times(Fraction(-1)).plus(point(Fraction(1))) for mean in means))
 
 
 def of_sd(possible: Iterable[Moments]) -> Iterator[Mistake]:
     """Yield mistakes in a standard deviation; none where nothing is possible."""
     moments = tuple(possible)
     population = tuple(one.variance.times(Fraction(one.n - 1, one.n)) for one in moments)
-    yield Mistake("it is the population SD, divided by n, not n - 1", population, squares=True)
+    yield Mistake("it is the population SD (computed with n, not n - 1)", population, squares=True)
     errors = tuple(one.variance.times(Fraction(1, one.n)) for one in moments)
     yield Mistake("it is the standard error", errors, squares=True)
     yield Mistake("it is the variance", tuple(one.variance for one in moments))
@@ -226,18 +226,18 @@ def of_t(
     correct = tuple(t_of(one, n) for one in effects)
     yield Mistake("its sign is lost", tuple(one.times(Fraction(-1)) for one in correct))
     alike = [one.common(either(printed)) for one in effects if one.meets(either(printed))]
-    yield Mistake(f"what is printed as t is Cohen's d{_span(alike)}{error}", tuple(effects))
+    yield Mistake(f"the printed t is Cohen's d{_span(alike)}{error}", tuple(effects))
     factor = math.sqrt(n / (n - 1))
-    yield Mistake("it was formed with the population SD", tuple(image(lambda t: t * factor, one) for one in correct))
-    smaller = f"it was formed with sqrt(n - 1), as if from {n - 1} participants{population}"
+    yield Mistake("it was computed with the population SD", tuple(image(lambda t: t * factor, one) for one in correct))
+    smaller = f"it was computed with sqrt(n - 1), as if from {n - 1} participants{population}"
     yield Mistake(smaller, tuple(image(lambda t: t / factor, one) for one in correct))
     for size in sizes:
         if size != n - 1:
-            text = f"it is d * sqrt({size}), where n is {n}"
+            text = f"it is d * sqrt({size}), but n is {n}"
             yield Mistake(text, tuple(t_of(one, size) for one in effects))
     from_zero = [of_zero for one in moments if (of_zero := effect(one, Fraction(0))) is not None]
-    yield Mistake("it is the t against 0", tuple(t_of(one, n) for one in from_zero))
-    yield Mistake("it is the square of t, an F", tuple(one.absolute().squared() for one in correct))
+    yield Mistake("it is from a t-test against 0", tuple(t_of(one, n) for one in from_zero))
+    yield Mistake("it is t squared, that is, F", tuple(one.absolute().squared() for one in correct))
 
 
 def of_p(
@@ -247,20 +247,20 @@ def of_p(
     correct = [t_of(one, n) for one in effects]
     yield Mistake("it is one-tailed", tuple(p_of_t(one, n - 1).times(_HALF) for one in correct))
     if not t_agrees:
-        yield Mistake("it follows the printed t", (p_of_t(either(t), df),))
-        yield Mistake("it follows the printed t, one-tailed", (p_of_t(either(t), df).times(_HALF),))
-    yield Mistake(f"it was taken at {n} df, where n is {n}", tuple(p_of_t(one, n) for one in correct))
+        yield Mistake("it matches the printed t", (p_of_t(either(t), df),))
+        yield Mistake("it matches the printed t, one-tailed", (p_of_t(either(t), df).times(_HALF),))
+    yield Mistake(f"it was computed with {n} df, but n is {n}", tuple(p_of_t(one, n) for one in correct))
     for size in sizes:
         if size - 1 != n:
-            text = f"it was taken at {size - 1} df, where n is {n}"
+            text = f"it was computed with {size - 1} df, but n is {n}"
             yield Mistake(text, tuple(p_of_t(one, size - 1) for one in correct))
     for size in sizes:
-        text = f"it is the P of d * sqrt({size}) at {size - 1} df, where n is {n}"
+        text = f"it is the P of d * sqrt({size}) with {size - 1} df, but n is {n}"
         yield Mistake(text, tuple(p_of_t(t_of(one, size), size - 1) for one in effects))
-    yield Mistake("it was taken from the normal distribution", tuple(image(_p_of_z, one.absolute()) for one in correct))
+    yield Mistake("it is from the normal distribution", tuple(image(_p_of_z, one.absolute()) for one in correct))
     if tests > 1:
         family = tuple(p_of_t(one, n - 1).times(Fraction(tests)) for one in correct)
-        yield Mistake(f"it was multiplied by the {tests} tests of its task", family)
+        yield Mistake(f"it was multiplied by {tests}, the number of tests in its task", family)
 
 
 def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
@@ -268,15 +268,17 @@ def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
     yield Mistake("it is one-tailed", (p_of_t(either(t), df).times(_HALF),))
     for other in (df + 1, df - 1):
         if other > 0:
-            yield Mistake(f"it was taken at {other} df", (p_of_t(either(t), other),))
-    yield Mistake("it was taken from the normal distribution", (image(_p_of_z, either(t).absolute()),))
+            yield Mistake(f"it was computed with {other} df", (p_of_t(either(t), other),))
+    yield Mistake("it is from the normal distribution", (image(_p_of_z, either(t).absolute()),))
 
 
 def of_any_f(f: Sequence[Interval], df: tuple[int, int]) -> Iterator[Mistake]:
     """Yield what else could have been printed in the place of an F with these df."""
-    yield Mistake("it is the root of F, a t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f))
+    yield Mistake(
+        "it is the square root of F, that is, t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f)
+    )
     eta = tuple(image(lambda one: df[0] / (df[0] + df[1] / one) if one > 0 else 0.0, f_) for f_ in f)
-    yield Mistake("what is printed as F is eta squared", eta)
+    yield Mistake("the printed F is eta squared", eta)
 
 
 def of_f(f: Sequence[Interval], layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
@@ -287,27 +289,27 @@ def of_f(f: Sequence[Interval], layout: Layout, printed: tuple[int, int]) -> Ite
     yield Mistake("its residual was divided by the number of values", tuple(one.times(population) for one in f))
     if printed != df:
         factor = Fraction(df[0] * printed[1], printed[0] * df[1])
-        yield Mistake("it was formed with its printed df", tuple(one.times(factor) for one in f))
+        yield Mistake("it was computed with its printed df", tuple(one.times(factor) for one in f))
     for size in layout.sizes:
-        text = f"it was taken from {size} participants, where n is {layout.n}"
+        text = f"it was computed from {size} participants, but n is {layout.n}"
         yield Mistake(text, tuple(one.times(Fraction(size, layout.n)) for one in f))
 
 
 def of_p_of_f(f: Sequence[Interval], beside: Printed, layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
     """Yield mistakes in the P of an F; `beside` is the F beside it, `printed` its df."""
     df = layout.df
-    yield Mistake("it follows the printed F", (p_of_f(either(beside), df),))
+    yield Mistake("it matches the printed F", (p_of_f(either(beside), df),))
     if printed != df:
-        yield Mistake("it was taken at its printed df", tuple(p_of_f(one, printed) for one in f))
-        yield Mistake("it follows the printed F at its printed df", (p_of_f(either(beside), printed),))
+        yield Mistake("it was computed with its printed df", tuple(p_of_f(one, printed) for one in f))
+        yield Mistake("it matches the printed F with its printed df", (p_of_f(either(beside), printed),))
     yield Mistake("it is one-tailed", tuple(p_of_f(one, df).times(_HALF) for one in f))
     for other in (layout.values, layout.values - 1, df[1] - df[0]):
         if other > 0:
-            text = f"it was taken at {df[0]}, {other} df"
+            text = f"it was computed with {df[0]}, {other} df"
             yield Mistake(text, tuple(p_of_f(one, (df[0], other)) for one in f))
     for size in layout.sizes:
         larger = [one.times(Fraction(size, layout.n)) for one in f]
-        text = f"it was taken from {size} participants, where n is {layout.n}"
+        text = f"it was computed from {size} participants, but n is {layout.n}"
         yield Mistake(text, tuple(p_of_f(one, (df[0], layout.cells * (size - 1))) for one in larger))
 
 
@@ -319,16 +321,16 @@ def of_df_of_effect(layout: Layout) -> Iterator[tuple[int, str]]:
 def of_df_of_residual(layout: Layout) -> Iterator[tuple[int, str]]:
     """Yield what else could have been printed as the df of the residual."""
     levels = layout.df[0] + 1
-    yield layout.values - 1, "it is that of all values, from which the effects' were not taken off"
+    yield layout.values - 1, "it is the total df, from which the effects' df were not subtracted"
     yield layout.values, "it is the number of values"
     if layout.cells > levels:
-        yield layout.values - levels - layout.cells // levels + 1, "it counts the interaction in the residual"
-    yield layout.values - layout.df[0], "it is the number of values less the effect's df"
+        yield layout.values - levels - layout.cells // levels + 1, "its residual includes the interaction"
+    yield layout.values - layout.df[0], "it is the number of values minus the effect's df"
     for size in layout.sizes:
         if size != layout.n + 1:
-            yield layout.cells * (size - 1), f"it was taken from {size} participants, where n is {layout.n}"
+            yield layout.cells * (size - 1), f"it was computed from {size} participants, but n is {layout.n}"
     if layout.n:
-        yield layout.df[0] * (layout.n - 1), "it was taken as for repeated measures"
+        yield layout.df[0] * (layout.n - 1), "it was computed as if for repeated measures"
 
 
 def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
@@ -336,7 +338,7 @@ def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
     yield n, "it is the number of participants"
     for size in sizes:
         if size - 1 != n:
-            yield size - 1, f"it was taken from {plural(size, 'participant')}, where n is {n}"
+            yield size - 1, f"it was computed from {plural(size, 'participant')}, but n is {n}"
 
 
 def _nearest(printed: Printed, values: Sequence[Interval], *, squares: bool) -> str:

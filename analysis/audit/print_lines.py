@@ -109,8 +109,8 @@ def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[mistakes.Mist
     ss = either(line.ss)
     yield mistakes.Mistake("it is the sum of squares, not divided by df", (ss,))
     for df in _others(line, table):
-        yield mistakes.Mistake(f"it was taken with {df} df, where df is {line.df}", (ss.times(Fraction(1, df)),))
-    yield mistakes.Mistake("it is the root of SS / df", (ss.times(Fraction(1, line.df)),), squares=True)
+        yield mistakes.Mistake(f"it was computed with {df} df, but df is {line.df}", (ss.times(Fraction(1, df)),))
+    yield mistakes.Mistake("it is the square root of SS / df", (ss.times(Fraction(1, line.df)),), squares=True)
 
 
 def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Iterator[mistakes.Mistake]:
@@ -119,18 +119,18 @@ def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Ite
         return
     above, below = (_per_freedom(one.ss, one.df) for one in (line, residual))
     if above and below and (_contradicts(line) or _contradicts(residual)):
-        yield mistakes.Mistake("it follows SS / df, not the printed MS", (quotient(above, below),))
+        yield mistakes.Mistake("it matches SS / df, not the printed MS", (quotient(above, below),))
     yield from mistakes.of_any_f([f], (line.df, residual.df))
     for df in _others(line, table):
-        yield mistakes.Mistake(f"it was taken with {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
+        yield mistakes.Mistake(f"it was computed with {df} df, but df is {line.df}", (f.times(Fraction(line.df, df)),))
     for df in _others(residual, table):
-        text = f"its residual was divided by {df} df, where df is {residual.df}"
+        text = f"its residual was divided by {df} df, but df is {residual.df}"
         yield mistakes.Mistake(text, (f.times(Fraction(df, residual.df)),))
     yield mistakes.Mistake("it is the ratio of the sums of squares", (f.times(Fraction(line.df, residual.df)),))
     own = _mean_square(line)
     for other in table.lines[:-1]:
         if other is not line and own and (rest := _mean_square(other)):
-            yield mistakes.Mistake(f"it was formed with the MS of {other.name}", (quotient(own, rest),))
+            yield mistakes.Mistake(f"it was computed with the MS of {other.name}", (quotient(own, rest),))
 
 
 def _of_p(
@@ -142,13 +142,13 @@ def _of_p(
     df = line.df, residual.df
     correct = p_of_f(ratio, df)
     if f is not None and line.f is not None and mistakes.judge(line.f, [f])[0] not in mistakes.AGREES:
-        yield mistakes.Mistake("it follows MS / MS, not the printed F", (p_of_f(f, df),))
+        yield mistakes.Mistake("it matches MS / MS, not the printed F", (p_of_f(f, df),))
     yield mistakes.Mistake("it is one-tailed", (correct.times(Fraction(1, 2)),))
     yield mistakes.Mistake("it is doubled", (correct.times(Fraction(2)),))
     wrong = [(other, df[1]) for other in _others(line, table)] + [(df[0], other) for other in _others(residual, table)]
     for other in dict.fromkeys([*wrong, (df[1], df[0])]):
         if other != df:
-            yield mistakes.Mistake(f"it was taken at {other[0]}, {other[1]} df", (p_of_f(ratio, other),))
+            yield mistakes.Mistake(f"it was computed with {other[0]}, {other[1]} df", (p_of_f(ratio, other),))
 
 
 def _others(line: PrintedSource, table: PrintedSources) -> list[int]:
@@ -236,8 +236,8 @@ SEVERAL = 3
 """Means of one table that fit no whole counts from which on they are not told as one mistake each (ours)."""
 
 UNANSWERED = (
-    "it is one of {} such means of its table: ratios of the answered trials alone look so, and need `trials` to be "
-    "left out"
+    "it is one of {} such means in its table; ratios over answered trials only look like this, and for them, leave "
+    "out `trials`"
 )
 
 
@@ -266,7 +266,7 @@ def _lines(published: Published, evidence: FromPrint) -> tuple[mistakes.Line, ..
         lines += source_lines(sources)
     for icc in published.icc:
         cited = mistakes.Citation(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
-        reason = "no formula is printed, and means and SDs do not tell how each participant answered in every cell"
+        reason = "no formula is printed, and means and SDs do not show each participant's answers in every cell"
         lines.append(cited.text("ICC", icc.value.text, "-", UNDECIDED, reason))
     for choices in published.choices:
         lines += _choices(choices)
@@ -304,13 +304,13 @@ def _judged(
             return cited.text("row", printed, found, "agrees")
         names = " and ".join(f"-> {cells[i].answered}" for i in row.truncated)
         are = "is" if len(row.truncated) == 1 else "are"
-        reason = f"whole counts give the row only where {names} {are} truncated{given}"
+        reason = f"whole counts give the row only if {names} {are} truncated{given}"
         return cited.text("row", printed, found, "agrees if truncated", reason)
     found = f"{row.fewest} to {row.most} of {row.trials} trials" if row.fewest != row.most else f"{row.most} trials"
     reasons = []
     if gaps := row.missing or row.missing_truncated:
         fewer = row.missing_truncated if row.missing_truncated != gaps else None
-        less = f" ({fewer} would, if means are truncated)" if fewer else ""
+        less = f" ({fewer} would if means are truncated)" if fewer else ""
         reasons.append(f"{plural(gaps, 'trial')} without an answer would explain it{less}")
     if row.misprinted:
         names = ", ".join(f"-> {cells[i].answered}{_slip_in(published, cells, i)}" for i in row.misprinted)
@@ -332,7 +332,7 @@ def _slip_in(published: Published, cells: Sequence[PrintedCell], index: int) -> 
     fitting = [(slip, text) for slip, text in mistakes.slips(printed.text) if left.meets(rounded(Printed(text)))]
     for slip, text in fitting[:1]:
         if not found or slip == mistakes.SWAPPED:
-            found.append(f"{slip}: {text} would stand")
+            found.append(f"{slip}: {text} would fit")
     return f" ({'; or '.join(found)})" if found else ""
 
 
@@ -359,7 +359,7 @@ def _choice(cited: mistakes.Citation, printed: Printed, shares: Sequence[int]) -
     trials = f"{' or '.join(map(str, asked))} trials, equal for all pairs,"
     cut = ", though one truncates to it" if found["truncated"] else ""
     fewest = smallest(printed, READINGS["rounded"])
-    reason = f"no share of {trials} rounds to it{cut}; the smallest number of trials with a share that does is {fewest}"
+    reason = f"no count out of {trials} rounds to it{cut}; the smallest number of trials that works is {fewest}"
     return cited.text("correct", printed.text, shown, UNDECIDED, reason)
 
 
@@ -397,7 +397,9 @@ def _unequal(cited: mistakes.Citation, choices: PrintedChoices, percentages: Seq
         least = sum(count * smallest(Printed(text), reading) for text, count in often.items())
         for total, who in ((choices.trials, "all participants together"), (all_of, "every participant")):
             if least <= total:
-                reason = f"this holds if pairs were shown unequally often and {choices.trials} are the trials of {who}"
+                reason = (
+                    f"true if pairs were shown unequally often and {choices.trials} is the number of trials of {who}"
+                )
                 return cited.text("trials in all", str(choices.trials), f"at least {least}", verdict, reason)
     reason = f"this is more than {choices.participants} x {choices.trials}"
     return cited.text("trials in all", str(choices.trials), f"at least {least}", "impossible", reason)

@@ -48,11 +48,11 @@ def _impossible(cited: Citation, test: Reported) -> Line | None:
     """Return the line of a statistic or P that no data give."""
     value, p = test.value, test.p
     if test.statistic == "r" and abs(value.exact) > 1:
-        return cited.text("r", value.text, "-1 to 1", "impossible", "no correlation is beyond 1")
+        return cited.text("r", value.text, "-1 to 1", "impossible", "a correlation cannot exceed 1")
     if test.statistic in ("F", "chi2") and value.exact < 0:
         return cited.text(test.statistic, value.text, "at least 0", "impossible", "it is never negative")
     if not 0 <= p.value <= 1:
-        return cited.text("P", p.text, "0 to 1", "impossible", "a probability is from 0 to 1")
+        return cited.text("P", p.text, "0 to 1", "impossible", "a probability is between 0 and 1")
     return None
 
 
@@ -85,7 +85,7 @@ def _p_line(cited: Citation, test: Reported, *, one_tailed: bool) -> Line:
         return Line(cited.where, cited.task, cited.subject, "P", f">{test.p.text}", text, low, high, verdict, reason)
     told = test.statistic in ("t", "r", "z")
     if told and one_tailed and not _fits(test.p, whole) and _fits(test.p, halves):
-        return cited.number("P", test.p, [halves], remark=" (one-tailed, as the paper says)")
+        return cited.number("P", test.p, [halves], remark=" (one-tailed, as the paper states)")
     why = [Mistake("it is one-tailed", (halves,)), Mistake("it is doubled", (whole.times(Fraction(2)),))]
     line = cited.number("P", test.p, [whole], why)
     if line.agrees or not (conclusion := _conclusion(test, whole)):
@@ -105,7 +105,7 @@ def _conclusion(test: Reported, whole: Interval) -> str:
         printed_significant = test.p.value < ALPHA or (test.p.is_bound and test.p.value <= ALPHA)
     low, high = float(whole.low), float(whole.high)
     changed = low > ALPHA if printed_significant else high < ALPHA
-    return f"at {ALPHA:g} it changes the conclusion" if changed else ""
+    return f"this changes the conclusion at {ALPHA:g}" if changed else ""
 
 
 def _interval_line(cited: Citation, test: Reported, ends: tuple[Printed, Printed]) -> Line | None:
@@ -117,12 +117,12 @@ def _interval_line(cited: Citation, test: Reported, ends: tuple[Printed, Printed
     printed = f"{low.text} to {high.text}"
     quantity = f"{test.level:.0%} CI"
     if high.exact < low.exact:
-        return cited.text(quantity, printed, "rising ends", "impossible", "its ends are swapped")
+        return cited.text(quantity, printed, "lower limit first", "impossible", "its limits are swapped")
     if test.statistic == "r":
         found = _fisher(test)
         stands = all(_fits(end, one) for end, one in zip(ends, found, strict=True))
         shown = " to ".join(mistakes.shown(end, [one])[0] for end, one in zip(ends, found, strict=True))
-        return None if stands else cited.text(quantity, printed, shown, "cannot be decided", "by Fisher's z it differs")
+        return None if stands else cited.text(quantity, printed, shown, "cannot be decided", "Fisher's z differs")
     if test.statistic not in ("t", "z"):
         return None
     excludes = low.exact > 0 or high.exact < 0
@@ -130,8 +130,8 @@ def _interval_line(cited: Citation, test: Reported, ends: tuple[Printed, Printed
     if excludes and float(whole.low) > level:
         return cited.text(quantity, printed, "0 within it", "differs", f"P is above {level:.2g}")
     if not excludes and low.exact < 0 < high.exact and float(whole.high) < level:
-        return cited.text(quantity, printed, "0 beyond it", "differs", f"P is below {level:.2g}")
-    return cited.text(quantity, printed, "0 beyond it" if excludes else "0 within it", "agrees")
+        return cited.text(quantity, printed, "0 outside it", "differs", f"P is below {level:.2g}")
+    return cited.text(quantity, printed, "0 outside it" if excludes else "0 within it", "agrees")
 
 
 def _fisher(test: Reported) -> tuple[Interval, Interval]:

@@ -44,7 +44,7 @@ COLUMNS = (
     Column("right"), Column("share"), Column(("low", "high"), "95 % CI", show=lambda *ends: bounds(Limits(*ends))),
     Column("chance"), Column("margin"), Column("p_binomial", "binomial: P", show=probability),
     Column("p_sign_flip", "sign flips: P", show=probability),
-    Column("p_single", "least P of a participant", show=probability), Column("verdict", left=True),
+    Column("p_single", "lowest P of a participant", show=probability), Column("verdict", left=True),
 )  # fmt: skip
 
 Verdict = Literal["at chance", "above chance", "not shown"]
@@ -86,23 +86,23 @@ class Controlled:
         """The verdict in words, with share, interval and tests."""
         limits = "" if self.interval is None else f", 95 % CI {bounds(self.interval)}"
         found = (
-            f"{self.right} of {plural(self.trials, 'trial')} right, mean share {self.share:.3f}{limits}, chance "
-            f"{self.chance:.4g}, exact binomial {p_is(self.p_binomial)}, sign flips {p_is(self.p_sign_flip)}"
+            f"{self.right} of {plural(self.trials, 'trial')} right, mean proportion {self.share:.3f}{limits}, chance "
+            f"{self.chance:.4g}, exact binomial {p_is(self.p_binomial)}, sign-flip test {p_is(self.p_sign_flip)}"
         )
         name = f"{self.task}, a control of {self.of},"
         match self.verdict:
             case "at chance":
                 return f"Task {name} was at chance, within {self.margin:g}: {found}."
             case "above chance":
-                who = f" Above it by themselves: {joined(self.above)}." if self.above else ""
+                who = f" Above chance individually: {joined(self.above)}." if self.above else ""
                 return (
-                    f"Warning: task {name} was above chance ({found}). Nothing could be felt there, so "
-                    f"that answers to {self.of} may come from the sound.{who}"
+                    f"Warning: task {name} was above chance ({found}). Nothing could be felt in that task, so "
+                    f"participants may have answered {self.of} by sound.{who}"
                 )
             case _:
                 return (
                     f"Warning: task {name} was not shown to be at chance, within {self.margin:g}: {found}. "
-                    f"Whether the sound of {self.of} was masked is open."
+                    f"The sound of {self.of} may not have been masked."
                 )
 
 
@@ -171,9 +171,9 @@ def control_section(found: tuple[Controlled, ...]) -> tuple[Section, ...]:
     if not found:
         return ()
     text = (
-        "In a control the vibration sounds as in the other task, and nothing of it reaches the skin. P of the binomial "
-        "and of single participants (Holm) are exact and one-sided: what they contradict is that everybody guesses. "
-        "Controls are left out of every other section."
+        "In a control task, the vibration sounds as it does in the other task but does not reach the skin. P of the "
+        "binomial test and of single participants (Holm) is exact and one-sided; its null hypothesis is that "
+        "everyone guesses. Control tasks are left out of every other section."
     )
     records = [*_records(found)]
     table = tabulate("Controls", COLUMNS, records, standing="planned")

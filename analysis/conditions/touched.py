@@ -29,8 +29,8 @@ def touched_section(study: Study) -> tuple[Section, ...]:
     if not records:
         return ()
     text = (
-        "Counted are sessions with a trial that counts. Numbers are over sessions; a number without an SD is one that "
-        "the rig states. Texts are in the dataset alone."
+        "Only sessions with at least one analyzed trial are included. Numbers are means across sessions; any "
+        "without an SD is from the rig file. Answers in free text are only in the dataset."
     )
     table = tabulate("What the skin touched", COLUMNS, records, standing="descriptive")
     return (Section("touched", "What the skin touched", (text,), (table,)),)

@@ -90,7 +90,7 @@ def check_design(study: Study, name: str) -> None:
     if study.design != name:
         other = design_of(study)
         raise DatasetError(
-            f"study {study.id}", f"its trials are {other.trials}", f"give it to palpate.{other.function}"
+            f"study {study.id}", f"its trials are {other.trials}", f"pass it to palpate.{other.function}"
         )
     if not study.attempts["included"].any():
         raise nothing_left(study.id, study.exclusions)

@@ -67,7 +67,7 @@ def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[s
         if _holds_data(folder / DESCRIPTION) and folder / DERIVATIVES not in inside.parents:
             raise DatasetError(
                 f"--out {out}",
-                f"lies within the dataset {folder}",
+                f"is inside the dataset {folder}",
                 "choose another --out",
                 allowed=f"a folder below {folder / DERIVATIVES}",
             )
@@ -75,14 +75,14 @@ def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[s
     for name in {**dict.fromkeys(names), **ours}:
         if not (out / name).parent.resolve().is_relative_to(inside):
             raise DatasetError(
-                f"{out / name} stands outside {out}, which a link or {out / MANIFEST} names it in",
-                remedy="remove that, or choose another --out",
+                f"{out / name} leads outside {out} because of a link or an entry in {out / MANIFEST}",
+                remedy="remove the link or entry, or choose another --out",
             )
     for name in names:
         path = out / name
         if (path.exists() or path.is_symlink()) and not (path.is_file() and _sha256(path) in ours.get(name, [])):
             raise DatasetError(
-                f"{path} is no output of palpate, or was changed since", remedy="move it away or choose another --out"
+                f"{path} is not palpate output, or was changed later", remedy="move it away or choose another --out"
             )
     return ours
 
@@ -105,7 +105,7 @@ def _manifest(out: Path, command: Command) -> dict[str, list[str]]:
     if not path.exists():
         if out.exists() and not all(storage.TEMPORARY.fullmatch(inside.name) for inside in out.iterdir()):
             raise DatasetError(
-                f"{out} holds files that are not palpate's", remedy="choose a new or empty folder for --out"
+                f"{out} contains files that palpate did not write", remedy="choose a new or empty folder for --out"
             )
         return {}
     try:
@@ -119,7 +119,7 @@ def _manifest(out: Path, command: Command) -> dict[str, list[str]]:
         ) from error
     if wrote != command:
         raise DatasetError(
-            f"{out} holds what `palpate {wrote}` wrote, which `palpate {command}` would remove",
+            f"{out} contains output of `palpate {wrote}`, which `palpate {command}` would remove",
             remedy="choose another --out",
         )
     return ours

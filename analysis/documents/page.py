@@ -127,7 +127,7 @@ def _section(section: Section, label: str, sheets: Sequence[tuple[int, Sheet]], 
     parts += [f'<div class="figures">{"".join(here)}</div>'] if here else []
     shown = [_table(table) for table in section.tables]
     if section.folded:
-        parts += [*map(_table, section.brief), f"<details><summary>Each one</summary>{''.join(shown)}</details>"]
+        parts += [*map(_table, section.brief), f"<details><summary>All rows</summary>{''.join(shown)}</details>"]
     else:
         parts += shown
     parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.aside]

@@ -27,10 +27,7 @@ from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 LEAST = 6
 """The fewest participants of a logit in which they differ by material and task."""
 
-LINKED = (
-    "which row of one task goes with which of another, and of one material with which of another, is arbitrary in a "
-    "reconstruction"
-)
+LINKED = "in a reconstruction, the pairing of rows across tasks and across materials is arbitrary"
 
 
 @dataclass(frozen=True)
@@ -100,9 +97,9 @@ def run_companions(study: Study, tasks: Mapping[str, Confusion], rng: np.random.
         else:
             said["paired comparison of tasks"] = LINKED
     if linked:
-        logit = said.compute("logit in which participants differ by material and task", partial(slopes_logit, tasks))
+        logit = said.compute("logit with participants who vary by material and task", partial(slopes_logit, tasks))
     else:
-        logit, said["logit in which participants differ by material and task"] = None, LINKED
+        logit, said["logit with participants who vary by material and task"] = None, LINKED
     return Beside(materials, both or (), tuple(paired), logit, said)
 
 
@@ -122,9 +119,9 @@ def _paired(first: str, second: str, tasks: Mapping[str, Confusion], rng: np.ran
     pair = [tasks[first], tasks[second]]
     people, places = in_every(pair), shared(pair)
     if len(people) < 2:
-        raise NotDefined(f"it needs two participants who did both with every material, got {len(people)}")
+        raise NotDefined(f"it needs two participants who did both tasks with every material, got {len(people)}")
     if not places:
-        raise NotDefined("they present no material both")
+        raise NotDefined("they have no material in common")
     right = [[matrix.ratios(i, i) for i in places] for matrix in pair]
     gaps = [sum((a[who] - b[who] for a, b in zip(*right, strict=True)), Fraction(0)) / len(places) for who in people]
     test = t_against_chance(gaps, 0)
@@ -168,11 +165,11 @@ def slopes_logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
         for level, hits, total in zip(of, right.sum(axis=axes), trials.sum(axis=axes), strict=True):
             if hits in (0, total):
                 kind = "right" if hits else "wrong"
-                raise NotDefined(f"every answer to {what} {level} is {kind}: its odds have no limit")
+                raise NotDefined(f"every answer to {what} {level} is {kind}, so its odds are infinite or zero")
     held = trials.any(axis=0)
     cells = mixed_logit.layout([of.tolist() for of in np.nonzero(held)])
     if np.linalg.matrix_rank(cells.fixed) < cells.fixed.shape[1]:
-        raise NotDefined("tasks and materials cannot be told apart: too few materials are presented in several tasks")
+        raise NotDefined("tasks and materials cannot be separated: too few materials are presented in several tasks")
     found = mixed_logit.fit(right[:, held], trials[:, held], cells)
     # Likelihood takes the spread of n participants about their own mean, which has n - 1 df.
     covariance = found.covariance * (len(people) / (len(people) - 1))
@@ -258,7 +255,7 @@ def marginal(study: Study, tasks: Mapping[str, Confusion]) -> Marginal:
     cells = [(i, k) for i, matrix in enumerate(tasks.values()) for k in matrix.presented]
     kept = [cell for cell in cells if 0 < hits[cell] < total[cell]]
     if len(kept) < 2:
-        raise NotDefined(f"it needs two cells with right and wrong answers, got {len(kept)}")
+        raise NotDefined(f"it needs two cells with both right and wrong answers, got {len(kept)}")
     named = [(list(tasks)[i], materials[k]) for i, k in cells]
     layout, deviations = _layout(kept)
     counts = [np.stack([of[:, i, k] for i, k in kept], axis=1) for of in (right, trials)]
@@ -381,7 +378,7 @@ def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
         _, right, trials = right_answers({task: tasks[task] for task in of})
         places = shared(tasks[task] for task in of)
         if not places:
-            said.append(f"equivalence of {' and '.join(of)} is not defined: they present no material both")
+            said.append(f"equivalence of {' and '.join(of)} is not defined: they have no material in common")
             continue
         right, trials = right[:, :, places], trials[:, :, places]
         both = (trials > 0).all(axis=(1, 2))

@@ -163,7 +163,7 @@ def confusion_of(study: Study, task: str) -> Confusion:
     """Return the counts of the included trials of one task of a study. Raises `DatasetError` for comparisons."""
     if study.design != "identification":
         raise DatasetError(
-            study.id, "got comparisons of pairs", "give another dataset", allowed="trials in which a material is named"
+            study.id, "got comparisons of pairs", "use another dataset", allowed="trials in which a material is named"
         )
     trials = study.trials(task)
     who, presented, answered = (trials[name].tolist() for name in ("participant", "presented", "answered"))
@@ -194,10 +194,10 @@ def d_prime(proportion: float, alternatives: int) -> float:
     Raises `NotDefined` for a share of 0 or 1, and `ValueError` outside of that or for m below two.
     """
     if alternatives < 2 or not 0 <= proportion <= 1:
-        raise ValueError(f"got a share of {proportion} among {alternatives}; allowed: 0 to 1 among two or more")
+        raise ValueError(f"got a proportion of {proportion} among {alternatives}; allowed: 0 to 1 among two or more")
     low, high = -LARGEST, LARGEST
     if not proportion_correct(low, alternatives) < proportion < proportion_correct(high, alternatives):
-        raise NotDefined(f"d' is infinite where the share of correct answers is {proportion:.3g}")
+        raise NotDefined(f"d' is infinite when the proportion correct is {proportion:.3g}")
     while low < (middle := (low + high) / 2) < high:
         below = proportion_correct(middle, alternatives) < proportion
         low, high = (middle, high) if below else (low, middle)

@@ -121,7 +121,7 @@ def identify(
 def _whole(matrix: confusions.Confusion) -> confusions.Confusion:
     """Return a matrix with every row: without one, a liking for an answer cannot be told from knowing its material."""
     if matrix.absent:
-        raise NotDefined(f"it needs every material, and {', '.join(matrix.absent)} is not presented in this task")
+        raise NotDefined(f"it needs every material, but {', '.join(matrix.absent)} is not presented in this task")
     return matrix
 
 
@@ -163,9 +163,7 @@ def _cells(matrix: confusions.Confusion) -> list[Cell]:
         for j, answered in enumerate(matrix.materials):
             count, trials = int(pooled[i, j]), int(pooled[i].sum())
             if not trials:
-                cells.append(
-                    Cell(presented, answered, 0, 0, None, None, None, None, "nobody was presented this material")
-                )
+                cells.append(Cell(presented, answered, 0, 0, None, None, None, None, "this material was not presented"))
                 continue
             own = matrix.counts[:, i, j], matrix.trials[:, i]
             (limits, why), (anybody, _) = (
@@ -238,5 +236,5 @@ def _confusing(matrix: confusions.Confusion) -> NDArray[np.float64]:
     """Return the mean of both confusing ratios of every pair, shape (M, M)."""
     ratios = matrix.means()[:, :-1]
     if np.isnan(ratios).any():
-        raise NotDefined("a material was presented to nobody: its confusions are not defined")
+        raise NotDefined("a material was never presented, so its confusions are not defined")
     return np.asarray((ratios + ratios.T) / 2)

@@ -46,10 +46,10 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
         raise NotDefined(f"a choice model needs two materials, got {count}")
     never = [name for name, right in zip(materials, np.diag(counts), strict=True) if right == 0]
     if never:
-        raise NotDefined(f"{', '.join(never)}: never recognised, so no similarity to it is defined")
+        raise NotDefined(f"{', '.join(never)}: never recognized, so its similarities are not defined")
     similarities, biases, fitted, settled = fit(counts[None])
     if not settled[0]:
-        raise NotDefined(f"no fit in {ROUNDS} rounds: an estimate lies on the edge of what the choice model allows")
+        raise NotDefined(f"no fit in {ROUNDS} iterations: an estimate is on the boundary of the choice model")
     seen = counts > 0
     g2 = 2 * float((counts[seen] * np.log(counts[seen] / fitted[0][seen])).sum())
     empty = np.count_nonzero(np.triu(counts + counts.T == 0, k=1))
@@ -112,7 +112,7 @@ def classical(dissimilarities: NDArray[np.float64]) -> Scaling:
     values, vectors = np.linalg.eigh(-centring @ dissimilarities**2 @ centring / 2)
     positive = values[values > 0].sum()
     if positive <= 1e-12:
-        raise NotDefined("all dissimilarities are 0: every object is at one point")
+        raise NotDefined("all dissimilarities are 0, so all objects are at one point")
     points = vectors[:, :-3:-1] * np.sqrt(np.maximum(values[:-3:-1], 0))
     points *= np.where(points[0] < 0, -1.0, 1.0)
     explained = float(np.maximum(values[:-3:-1], 0).sum() / positive)
@@ -158,7 +158,7 @@ def mantel(first: NDArray[np.float64], second: NDArray[np.float64], rng: np.rand
     """
     count = len(first)
     if first.shape != (count, count) or second.shape != first.shape:
-        raise ValueError(f"got tables of {first.shape} and {second.shape}; allowed: two square ones of one size")
+        raise ValueError(f"got tables of {first.shape} and {second.shape}; allowed: two square tables of the same size")
     if count < 3:
         raise NotDefined(f"Mantel's test needs 3 objects, got {count}")
     upper = np.triu_indices(count, k=1)
@@ -166,7 +166,7 @@ def mantel(first: NDArray[np.float64], second: NDArray[np.float64], rng: np.rand
         if not (np.isfinite(table[upper]).all() and np.array_equal(table[upper], table.T[upper])):
             raise ValueError("a table of pairs must be symmetric and finite")
         if np.ptp(table[upper]) == 0:
-            raise NotDefined("the pairs of one table do not vary: no correlation is defined")
+            raise NotDefined("the pairs of one table do not vary, so the correlation is not defined")
     exact = count <= MOST
     drawn = permutations(range(count)) if exact else rng.permuted(np.tile(np.arange(count), (ORDERS, 1)), axis=1)
     orders = np.array([*([] if exact else [range(count)]), *drawn])

@@ -105,11 +105,11 @@ def _counts(
     It is of a test's materials, or `only` of those at some places. Raises `NotDefined` for too few.
     """
     if not (places := list(only) or _places(plan, *tasks)):
-        raise NotDefined("they present no material both")
+        raise NotDefined("they have no material in common")
     rows = [{who: row for row, who in enumerate(one.participants) if one.trials[row, places].all()} for one in tasks]
     people = [who for who in rows[0] if all(who in of for of in rows)]
     if len(people) < least:
-        raise NotDefined(f"it needs {plural(least, 'participant')} who did all of it, got {len(people)}")
+        raise NotDefined(f"it needs {plural(least, 'participant')} with every trial it uses, got {len(people)}")
     own = [one.counts[[of[who] for who in people]][:, places] for one, of in zip(tasks, rows, strict=True)]
     right = [one[:, range(len(places)), places].T for one in own]
     return people, np.array(right), np.array([one.sum(axis=2).T for one in own])

@@ -137,7 +137,7 @@ class TaskResult:
 def bracketed(tasks: Sequence[TaskResult]) -> str:
     """Return what brackets around stars say, where any of the tasks has them."""
     found = any(task.stars(test) != test.stars for task in tasks for test in task.tests)
-    return " Exact sign flips over participants do not show stars in brackets." if found else ""
+    return " Exact sign-flip tests do not confirm the stars in brackets." if found else ""
 
 
 @dataclass(frozen=True)
@@ -346,7 +346,7 @@ def _components(data: anovas.Cells, tasks: Sequence[TaskResult]) -> ComponentRel
     components = anovas.variance_components(data)
     sizes = [len(task.confusion.participants) for task in tasks]
     everyone = " + ".join(map(str, sizes))
-    wanted = {sum(sizes): f"participants of all tasks together, {everyone}; no cell holds so many"}
+    wanted = {sum(sizes): f"all participants of all tasks, {everyone}; no cell has that many"}
     wanted |= {size: f"participants in a task, {size}" for size in sizes}
     wanted[1] = "a single participant"
     values = tuple((k, meaning, anovas.icc_of_mean(components, k)) for k, meaning in wanted.items())
@@ -376,7 +376,7 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         in_both = set(both)
         dropped = tuple(label for label in anyone if label not in in_both)
         name = f"{len(rows)} correct ratios (material by task) x {plural(len(both), 'participant')} who did every task"
-        linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"
+        linked = "; in a reconstruction, the pairing of rows across tasks is arbitrary"
         name += linked * (study.origin == "RECONSTRUCTION")
         found.append(Reliability(name, None, *defined(partial(icc, rows)), dropped))
     return found

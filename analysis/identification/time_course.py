@@ -75,9 +75,9 @@ BIN_WIDTHS_MM_S = (25, 50, 100, 200, 500, 1000)
 
 LEARNING, SPEED, ONSET, MASKER, TIMING = "learning curve", "speed curve", "onset errors", "masker levels", "timing"
 COLUMNS = {
-    SPEED: ("foot_speed_mm_s", "the speed of the foot is known"),
-    ONSET: ("onset_error_s", "the onset of the stimulus was measured"),
-    MASKER: ("masker_db_a", "the level of the masker is known"),
+    SPEED: ("foot_speed_mm_s", "the foot speed is not known"),
+    ONSET: ("onset_error_s", "the stimulus onset was not measured"),
+    MASKER: ("masker_db_a", "the masker level is not known"),
 }
 """What each needs of a trial: its column, and words for having it."""
 
@@ -150,11 +150,11 @@ def course_of(study: Study) -> TimeCourse:
     for task, trials in tasks.items():
         if not study.ordered:
             what = "a reconstruction has" if study.origin == "RECONSTRUCTION" else "counts have"
-            said[task, LEARNING] = f"{what} no order of trials"
+            said[task, LEARNING] = f"{what} no trial order"
         for name, (column, what) in COLUMNS.items():
             found = trials[np.isfinite(trials[column].to_numpy(dtype=np.float64))]
             if found.empty:
-                said[task, name] = f"{what} for none of {plural(len(trials), 'trial')}"
+                said[task, name] = f"{what} for any of {plural(len(trials), 'trial')}"
             else:
                 known[name][task] = found
     timed = timing(study)

@@ -53,14 +53,14 @@ def design(study: Study) -> Design:
     """Return the design of the included trials. Raises `NotDefined` without trials, or for answers all alike."""
     if study.origin == "RECONSTRUCTION":
         raise NotDefined(
-            "a reconstruction has no order of trials, no foot speed, no response time and no order of tasks, and which "
-            "rows belong to one participant is arbitrary"
+            "a reconstruction has no trial order, foot speeds, response times or task order, and its assignment of "
+            "rows to participants is arbitrary"
         )
     if not study.ordered:
-        raise NotDefined("counts have no order of trials, no foot speed and no response time")
+        raise NotDefined("counts have no trial order, foot speeds or response times")
     table = study.attempts.loc[study.attempts["included"]]
     if table.empty:
-        raise NotDefined("no trial is left")
+        raise NotDefined("no trials remain")
     columns, absent = _covariates(study, table)
     whole = _thinned(columns, absent, _groups(study, table))
     left_out = Counter(table["task"].to_numpy()[~whole].tolist())
@@ -78,7 +78,7 @@ def design(study: Study) -> Design:
         for level in levels:
             if len(set(correct[labels == level].tolist())) < 2:
                 kind = "right" if correct[labels == level].all() else "wrong"
-                raise NotDefined(f"every answer to {term} {level} is {kind}: its odds have no limit")
+                raise NotDefined(f"every answer to {term} {level} is {kind}, so its odds are infinite or zero")
         if len(levels) > 1:
             named = [f"{level} (against {levels[0]})" for level in levels[1:]]
             blocks.append((term, named, np.column_stack([labels == level for level in levels[1:]]).astype(np.float64)))
@@ -91,7 +91,7 @@ def design(study: Study) -> Design:
     for term, named, block in blocks:
         wider = np.column_stack([matrix, block])
         if np.linalg.matrix_rank(wider) < wider.shape[1]:
-            absent[term] = f"these trials cannot tell it from {', '.join(terms)}"
+            absent[term] = f"these trials cannot separate it from {', '.join(terms)}"
             continue
         terms[term] = tuple(range(len(names), len(names) + len(named)))
         names += named
@@ -143,11 +143,11 @@ def _covariates(study: Study, table: pd.DataFrame) -> tuple[dict[str, NDArray[np
         [float(study.first_tasks[who] != task) if who in study.first_tasks else np.nan for who, task in pairs]
     )
     if len(study.tasks) < 2:
-        absent[LATER] = "the study has one task"
+        absent[LATER] = "the study has only one task"
     elif np.isfinite(later).all():
         found[LATER] = later
     else:
-        absent[LATER] = "the order of the tasks is not known for every participant"
+        absent[LATER] = "the task order is not known for every participant"
     return found, absent
 
 
@@ -227,8 +227,8 @@ SINGULAR = 1e-10
 """A covariance in units of its variances has no inverse if an eigenvalue is below this."""
 
 NO_ERRORS = (
-    "standard errors by participant are not defined for the GEE logit: participants answered too much alike, or terms "
-    "cannot be told apart"
+    "participant-level standard errors are not defined for the GEE logit: participants answered too similarly, or "
+    "terms cannot be separated"
 )
 
 
@@ -330,7 +330,7 @@ def mixed(design: Design) -> TrialModel:
     even, mixing = np.linalg.qr(design.matrix)
     size = np.abs(np.diag(mixing))
     if size.min() <= 1e-10 * size.max():
-        raise NotDefined("some terms of the mixed logit cannot be told from the others")
+        raise NotDefined("some terms of the mixed logit cannot be separated from the others")
     even, mixing = even * np.sqrt(len(even)), mixing / np.sqrt(len(even))
 
     parts = [
@@ -397,7 +397,7 @@ def _model(
     errors = np.sqrt(np.diag(covariance))
     if not (np.isfinite(errors).all() and errors.max() < LARGEST):
         vague = [name for name, error in zip(design.names, errors.tolist(), strict=True) if not error < LARGEST]
-        raise NotDefined(f"standard errors beyond {LARGEST:g} say nothing: {', '.join(vague)}")
+        raise NotDefined(f"standard errors above {LARGEST:g} are uninformative: {', '.join(vague)}")
     reach = float(stdtrit(people - 1, 0.975) if few else ndtri(0.975))
     coefficients = tuple(
         Coefficient(
@@ -425,7 +425,7 @@ def _model(
 def _bounded(design: Design, estimates: Floats) -> None:
     endless = [name for name, value in zip(design.names, estimates.tolist(), strict=True) if not abs(value) < LARGEST]
     if endless:
-        raise NotDefined(f"the odds of {', '.join(endless)} have no limit, as if all answers were right, or all wrong")
+        raise NotDefined(f"the odds of {', '.join(endless)} have no finite limit: answers are all right or all wrong")
 
 
 def _positive(covariance: Floats) -> bool:

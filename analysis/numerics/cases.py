@@ -227,11 +227,11 @@ def cases() -> list[Case]:
 
 def _speeds() -> list[Case]:
     spectra = material(some(PAPER_SAMPLES))
-    claims = "each way keeps the error it claims, and counts floored and dropped bins"
-    exact = "the measured spectrum bit for bit, nothing floored; each way keeps the error it claims"
-    near = "the same spectrum to 1e-13 of it; each way keeps the error it claims"
+    claims = "each method stays within its claimed error, and counts floored and dropped bins"
+    exact = "the measured spectrum bit for bit, nothing floored; each method stays within its claimed error"
+    near = "the same spectrum within 1e-13; each method stays within its claimed error"
     places = list(enumerate(SPEEDS_MM_S))
-    beside = "one rounding below and above"
+    beside = "one rounding step below and above"
     return [
         *(Case("speed", f"{v:g} mm/s", claims, partial(within_claims, spectra, (v,))) for v in (0.0, 1e-6, 1e4)),
         *(Case("speed", f"exactly {v:g} mm/s", exact, partial(_measured, spectra, i)) for i, v in places),
@@ -266,13 +266,13 @@ def _spectra() -> list[Case]:
     mixed = np.outer([1e300, 1e-300, 1e300, 1e-300], some(PAPER_SAMPLES)[0])
     few = np.random.default_rng(5).integers(0, 50, size=(4, PAPER_SAMPLES))
     denormals = np.asarray(few * oracle.LEAST, dtype=np.float64)
-    falls = "on its line to 0, counted as floored beyond; each way keeps the error it claims"
-    nothing = "nothing is left: every sample is 0 at every speed"
-    keeps = "finite; each way keeps the error it claims at every speed"
-    tiny = f"{keeps}, apart from the rounding of denormals"
+    falls = "on its line to 0, counted as floored after that; each method stays within its claimed error"
+    nothing = "every sample is 0 at every speed"
+    keeps = "finite; each method stays within its claimed error at every speed"
+    tiny = f"{keeps}, except for rounding of denormals"
     return [
-        Case("spectrum", "zeros", "every sample of each way is 0 at every speed", partial(_silent, one * 0)),
-        Case("spectrum", "one bin", "the cosine of that bin, to 1e-13; and the errors claimed", partial(_cosine, one)),
+        Case("spectrum", "zeros", "every sample of each method is 0 at every speed", partial(_silent, one * 0)),
+        Case("spectrum", "one bin", "the cosine of that bin, within 1e-13; the claimed errors", partial(_cosine, one)),
         Case("spectrum", "denormals", tiny, partial(within_claims, material(denormals), denormal=True)),
         Case("spectrum", "1e300 m/s^2", keeps, partial(within_claims, material(loud))),
         Case("spectrum", "1e300 beside 1e-300 m/s^2", tiny, partial(within_claims, material(mixed))),
@@ -339,8 +339,8 @@ def _louder_panel() -> Seen:
 def _lengths() -> list[Case]:
     named = {1: "N = 1", 2: "N = 2", 9: "N = 9, odd", 15: "N = 15, odd", 59: "N = 59, prime", BINS: f"N = {BINS}"}
     invariant = (
-        f"(1) as printed to {TRANSCRIBED:g}; (1) and (5) undo each other to {ROUND_TRIP:g} but for the mean; Parseval "
-        f"to {PARSEVAL:g}; each way, the printed sum too, keeps the error it claims"
+        f"(1) as printed within {TRANSCRIBED:g}; (1) and (5) are inverses within {ROUND_TRIP:g}, except for the mean; "
+        f"Parseval within {PARSEVAL:g}; each method, even the printed sum, stays within its claimed error"
     )
     return [Case("length", name, invariant, partial(_length, n)) for n, name in named.items()]
 
@@ -360,7 +360,7 @@ def _length(n: int) -> Seen:
 
 
 def _oracle() -> list[Case]:
-    invariant = "its fast sum is the sum taken term by term, to 1000 roundings of extended precision"
+    invariant = "its fast sum equals the term-by-term sum within 1000 rounding steps of extended precision"
     return [Case("oracle", f"{rate_hz} Hz", invariant, partial(_term_by_term, rate_hz)) for rate_hz in OUTPUT_RATES_HZ]
 
 

@@ -110,10 +110,10 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
         title = (
             f"{of.mass_kg:g} kg at {of.speed_m_s:g} m/s on {of.stiffness_n_m:g} N/m and {of.damping_n_s_m:g} N s/m"
             + (f" under {of.force_n:g} N" if of.force_n else "")
-            + f", law '{of.law}', steps of {1e6 / rate_hz:.4g} µs\nmarks at an upper or lower edge lie beyond it"
+            + f", law '{of.law}', steps of {1e6 / rate_hz:.4g} µs\nmarks at an upper or lower edge are off the scale"
         )
         if left_out:
-            title += f"\nleft out, for they need too many steps: {', '.join(left_out)}"
+            title += f"\nleft out, because they need too many steps: {', '.join(left_out)}"
         axes[0].set_title(title, fontsize=9, loc="left")
     return drawn
 
@@ -150,9 +150,9 @@ def orders(rows: Sequence[Measured]) -> str:
                 found.append(fitted)
         told.append(f"{name} {min(found):.1f} to {max(found):.1f}" if found else f"{name} none")
     return (
-        "Orders of convergence, fitted where three errors or more are neither rounding nor above 0.3, least and "
-        f"largest of the diagrams: {'; '.join(told)}. Through touch and "
-        "release every method that does not find them falls to about the first order, whatever it has elsewhere."
+        "Orders of convergence (fitted if at least three errors are neither rounding errors nor above 0.3), lowest "
+        f"and highest across the diagrams: {'; '.join(told)}. Methods that do not locate touch and release exactly "
+        "drop to about first order there, whatever their order elsewhere."
     )
 
 
@@ -184,8 +184,8 @@ def diagrams(rows: Sequence[Measured]) -> Figure:
         handles = [Line2D([], [], color=COLOUR[name], marker=MARKER[name], linewidth=1.1) for name in STEPPERS]
         beside.legend(handles, list(STEPPERS), loc="upper left", frameon=False, fontsize=8)
         told = (
-            "grey: another does it in less\ntime with no larger error, or it\nis no answer\nring: step of 400 µs\n"
-            "dashed: claimed by the exact one\ndotted: 400 µs of run time\nbars: quartiles of the time"
+            "gray: another method is faster\nwith no larger error, or the\nresult is wrong\nring: step of 400 µs\n"
+            "dashed: claimed by the exact method\ndotted: 400 µs of run time\nbars: quartiles of the time"
         )
         beside.text(0.04, 0.0, told, transform=beside.transAxes, fontsize=8, va="bottom")
     return drawn
@@ -246,9 +246,9 @@ def numerics(result: Numerics) -> Figure:
         for place, panel in enumerate((_resampling, _shaping, _noise)):
             panel(drawn.add_subplot(below[place]), result.measured)
         told = (
-            "Each error is the worst over materials and speeds. Bars: quartiles of the time. Dashed: what is claimed. "
-            "Grey: another way takes less time with no larger error.\n"
-            "Red: by a model, smaller errors are noticed by nobody, at the sole (solid) or the fingertip (dotted)."
+            "Each error is the largest over all materials and speeds. Bars: quartiles of the time. Dashed: claimed "
+            "error. Gray: another method takes less time with no larger error.\nRed: according to a model, no one "
+            "notices smaller errors at the sole (solid) or the fingertip (dotted)."
         )
         drawn.text(0.5, 0.012, told, ha="center", fontsize=8, color=QUIET)
         return drawn
@@ -263,7 +263,7 @@ def _synthesis(axes: Axes, rows: Sequence[Measured]) -> None:
     values = [value for one in rows if one.subject in ("synthesis", "voltages") for value in (one.error, one.claimed)]
     decades = [log10(value) for value in (*values, *UNNOTICED) if value]
     axes.set_ylim(10.0 ** floor(min(decades)), 10.0 ** ceil(max(decades)))
-    _times(axes, "from the speed of the foot to the waveform")
+    _times(axes, "from foot speed to waveform")
     axes.set_ylabel("relative error", fontsize=9)
     _sizes(axes, shown)
     axes.legend(loc="upper left", frameon=False, fontsize=8)
@@ -277,7 +277,7 @@ def _voltages(axes: Axes, rows: Sequence[Measured]) -> None:
     _curves(axes, shown)
     _unnoticed(axes)
     _logarithmic(axes)
-    _times(axes, "from the speed of the foot to the voltages")
+    _times(axes, "from foot speed to voltages")
     _sizes(axes, shown)
     axes.legend(loc="upper right", frameon=False, fontsize=8)
     axes.set_title("Voltages, 48 kHz; N at the ends", fontsize=9, loc="left", pad=5)
@@ -399,16 +399,16 @@ def budget(played: Sequence[Played]) -> Figure:
     units, names = (list(dict.fromkeys(getattr(one, of) for one in played)) for of in ("unit", "material"))
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(9.6, 6.2), layout="constrained")
-        title = f"{LABEL} on SIMULATED rigs: how far what is played is from what is asked for"
+        title = f"{LABEL} on SIMULATED rigs: difference between played and requested signals"
         drawn.suptitle(title, fontsize=10, fontweight="bold")
         all_axes = drawn.subplots(len(units), len(names), sharex=True, sharey="row", squeeze=False)
         for row, unit in zip(all_axes, units, strict=True):
             for axes, name in zip(row, names, strict=True):
                 _budget(axes, [one for one in played if (one.unit, one.material) == (unit, name)])
                 axes.set_title(f"{name}, rig in {unit}", fontsize=9)
-            row[0].set_ylabel("percent of the rms asked for", fontsize=9)
+            row[0].set_ylabel("percent of the requested rms", fontsize=9)
         for axes in all_axes[-1]:
-            axes.set_xlabel("speed of the foot (mm/s)", fontsize=9)
+            axes.set_xlabel("foot speed (mm/s)", fontsize=9)
         keys = [key for axes in np.ravel(all_axes) for key in zip(*axes.get_legend_handles_labels(), strict=True)]
         found = {label: handle for handle, label in keys}
         labels = [label for label in (*CAUSES.values(), "all of it", "truth") if label in found]

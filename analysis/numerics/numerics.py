@@ -449,8 +449,8 @@ class Numerics:
         budgets = len(self.played) + sum(len(one.truth) for one in self.pushed)
         every = f"{claimed} claimed bounds on errors, {len(self.outcomes)} invariants and {budgets} budgets"
         if not self.failed:
-            return f"All {every} hold."
-        return "\n".join([f"{len(self.broken)} of {every} do not hold:", *(f"  {line}" for line in self.broken)])
+            return f"All {every} pass."
+        return "\n".join([f"{len(self.broken)} of {every} fail:", *(f"  {line}" for line in self.broken)])
 
 
 def run(

@@ -198,7 +198,7 @@ def within_claims(rig: Rig, spectra: CrinkleSpectra, speeds_mm_s: Sequence[float
             if not np.abs(found.driven.voltages_v).max() <= rig.limit_v:
                 return False, f"{at}: {np.abs(found.driven.voltages_v).max():g} V"
             if not found.driven.scale >= least.setdefault(v, found.driven.scale) * (1 - 2 * WASTE):
-                return False, f"{at}: taken down to {found.driven.scale:g}, not {least[v]:g}"
+                return False, f"{at}: scaled down to {found.driven.scale:g}, not {least[v]:g}"
             allowed = found.claim_v + denormal_error_m_s2(spectra.samples)
             share = found.error_v / allowed
             if not share <= 1:
@@ -310,8 +310,8 @@ def conditions(materials: Mapping[str, CrinkleSpectra], speeds_mm_s: Sequence[fl
             of_rig = sensitivity(spectra, RIG, speed_mm_s=v)
             numbers = {
                 ("stimulus", "speed of the foot"): _by_speed(spectra, v),
-                ("stimulus", "the two waveforms that it is summed of"): _cancelled(RIG.basis(spectra), v),
-                ("voltages", "amplitudes asked for, and values of the table"): of_rig.rms_by_amplitude,
+                ("stimulus", "the two waveforms that it is the sum of"): _cancelled(RIG.basis(spectra), v),
+                ("voltages", "requested amplitudes, and values of the table"): of_rig.rms_by_amplitude,
                 ("voltages, in one bin", "its amplitude, and values of the table"): of_rig.worst_by_amplitude,
                 ("response at a bin", "frequencies of the table"): float(of_rig.by_frequency.max(initial=0.0)),
             }
@@ -350,7 +350,7 @@ def jump(spectra: CrinkleSpectra) -> float:
 
 def cases() -> list[Case]:
     """Return every case of what a rig in volts plays, of recordings with as many bins as a study has."""
-    keeps = "finite, within the limits; prepared or shaped, the error claimed is kept"
+    keeps = "finite and within the limits; prepared or shaped, within the claimed error"
     null = panel(FREQUENCIES_HZ, LEVELS_V)
     null.accelerations_m_s2[FREQUENCIES_HZ.index(300)] = 0.0
     steep = Response(np.array([10.0, 600.0]), np.array([1.0, 2.0, 3.0]), np.array([[1.0, 1.0 + 1e-9, 2.0]] * 2))
@@ -367,7 +367,7 @@ def cases() -> list[Case]:
         ("a gain limit that holds most bins back", replace(RIG, gain_limit_v_per_m_s2=0.05), knots),
         ("an amplifier of 0.5 V", replace(RIG, limit_v=0.5), knots), ("two frequencies", Rig(coarse), knots),
         ("one level", Rig(one_level), knots),
-        ("a level that hardly moves more than the one below", _free(steep), knots),
+        ("a level that hardly exceeds the one below", _free(steep), knots),
         ("an output of 1 kHz", replace(RIG, rate_hz=1000), knots),
         ("an output of 44.1 kHz", replace(RIG, rate_hz=44_100), quiet),
     )  # fmt: skip
@@ -375,11 +375,11 @@ def cases() -> list[Case]:
     refusals = "refused with SynthesisError"
     return [
         *(Case("volts", name, keeps, partial(within_claims, rig, spectra, FEW_MM_S)) for name, rig, spectra in given),
-        Case("volts", "levels passed by most bins", keeps, partial(within_claims, RIG, knots)),
-        Case("volts", "a null at 300 Hz, and bins beside it", keeps, partial(within_claims, Rig(null), knots)),
-        Case("volts", "one rounding beside speeds", keeps, partial(within_claims, RIG, knots, places)),
-        Case("volts", "one speed recorded", refusals, _one_speed),
-        Case("volts", "a foot of -1, NaN or infinite mm/s", refusals, _no_foot),
+        Case("volts", "levels exceeded by most bins", keeps, partial(within_claims, RIG, knots)),
+        Case("volts", "a null at 300 Hz, and bins next to it", keeps, partial(within_claims, Rig(null), knots)),
+        Case("volts", "one rounding step from speeds", keeps, partial(within_claims, RIG, knots, places)),
+        Case("volts", "one recorded speed", refusals, _one_speed),
+        Case("volts", "a foot speed of -1, NaN or infinite mm/s", refusals, _no_foot),
     ]
 
 

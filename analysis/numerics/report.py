@@ -51,7 +51,7 @@ from palpate.experiment.synthesis.signals.noise import CLAIMED_FROM_S
 TITLES = {
     "synthesis": "Synthesis: equations (3) to (5)",
     "voltages": "Voltages: equations (3) to (5) and (7)",
-    "samples": "Samples: what a device is handed",
+    "samples": "Samples: the signal sent to a device",
     "resampling": "Resampling of a recording",
     "shaping": "Frequency shaping: the inverse (7) of a response",
     "noise": "Noise of the masker",
@@ -146,8 +146,8 @@ def _contact(result: Numerics) -> list[Measured]:
 
 
 DOMINATED = (
-    "A way is dominated where another does the same in less time, quartiles apart, and its error is no larger, or at "
-    f"most {AS_GOOD:g} times as large; so is one whose error is {NO_ANSWER:g} or more."
+    "A method is dominated if another does the same in less time (the quartiles do not overlap) with an error at "
+    f"most {AS_GOOD:g} times as large. A method whose error is {NO_ANSWER:g} or more is also dominated."
 )
 
 
@@ -158,8 +158,8 @@ def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
     if subject == "synthesis":
         software = ", ".join(f"{name} {version}" for name, version in result.software.items() if "oracle" not in name)
         paragraphs.append(
-            f"Times are medians of repeats on one machine ({software}) and should only be compared with one another. "
-            f"The oracle's numbers near 1 are {result.software['oracle_epsilon']} apart."
+            f"Times are medians of repeats on one machine ({software}) and should only be compared with each other. "
+            f"Near 1, the oracle's numbers are {result.software['oracle_epsilon']} apart."
         )
     tables = [_table("", rows, given=True)]
     brief: tuple[Table, ...] = ()
@@ -171,7 +171,7 @@ def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
         tables = [usual, replace(tables[0], title="Every size, rate and speed")]
     if subject == "shaping" and (fitted := shaping_order(rows)) is not None:
         paragraphs.append(
-            f"Between the frequencies of the table the error falls with the power {fitted:.2f} of their spacing, "
+            f"Between the frequencies of the table, the error falls with the power {fitted:.2f} of their spacing, "
             "fitted where it is below 0.05; straight lines give 2."
         )
     if subject == "contact":
@@ -250,9 +250,9 @@ def _cases(outcomes: tuple[Outcome, ...]) -> Section:
         named = f"{title}: {records[0]['invariant']}" if shared else title
         brief.append(tabulate(named, (GIVEN, OUTCOME, SEEN if shared else BOTH), records))
     about = (
-        f"Stimuli have as many bins as a study, N = {PAPER_SAMPLES}, but for other lengths and the printed sum. The "
-        "cases test ways at every output rate, what a stimulus states about itself, what a rig in volts plays, and the "
-        "oracle against itself."
+        f"Stimuli have as many bins as in a study, N = {PAPER_SAMPLES}, except in cases of other lengths and of the "
+        "printed sum. The cases test each method at every output rate, what a stimulus states about itself, what a "
+        "rig in volts plays, and the oracle against itself."
     )
     return Section("cases", "Extreme cases", (about,), tuple(full), brief=tuple(brief))
 
@@ -263,8 +263,8 @@ def _budget(result: Sequence[Played]) -> Section:
         ABOUT["budget"].substitute(
             count=len(speeds), slowest=f"{speeds[0]:g}", fastest=f"{speeds[-1]:g}", within=f"{played.TRUE:.0%}"
         ),
-        "What was played is in played.npz, so that the truth can be found by other means; "
-        "`tests/README.md` of its repository shows how.",
+        "The played signals are in played.npz, so the truth can be checked with other software; "
+        "`tests/README.md` in palpate's repository shows how.",
     )
     tables = []
     for unit in dict.fromkeys(one.unit for one in result):
@@ -282,7 +282,7 @@ def _budget(result: Sequence[Played]) -> Section:
          "left_out": one.budget.left_out, "total": one.budget.total, "truth": one.truth, "holds": one.holds}
         for one in result
     )  # fmt: skip
-    return Section("budget", "Error budget of what is played", about, tuple(tables), records)
+    return Section("budget", "Error budget of the played signal", about, tuple(tables), records)
 
 
 def _force(result: Sequence[Pushed]) -> Section:
@@ -324,11 +324,11 @@ def _range(shares: Sequence[float]) -> str:
 
 def _conditions(result: Numerics) -> Section:
     about = (
-        "How a relative error of the one grows in the other, rms to rms: the largest over the materials at speeds from "
-        "20 to 400 mm/s, and over the stiffnesses of a contact. By the amplitudes recorded every stimulus has the "
-        "condition number 1.",
-        "In the middle of two speeds measured, where by equation (4) signs change, a stimulus has none: the next speed "
-        f"plays a waveform that differs by {result.jump:.0%} (rms).",
+        "How much a relative error (rms) in one quantity is amplified in the other: the largest value over the "
+        "materials at speeds from 20 to 400 mm/s, and over the stiffnesses of a contact. For recorded amplitudes, "
+        "every stimulus has a condition number of 1.",
+        "Midway between two recorded speeds, where equation (4) changes sign, a stimulus has no condition number: "
+        f"the next speed plays a waveform that differs by {result.jump:.0%} (rms).",
     )
     columns = (
         Column("of", left=True), Column("on", left=True),

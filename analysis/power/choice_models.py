@@ -36,7 +36,7 @@ MOST_SPREAD = 0.999
 PRINTED = "tables"
 """What print has of answers."""
 
-NUMBERS = "0.8,0.15: the share of right answers, and how unlike participants are"
+NUMBERS = "0.8,0.15: the proportion correct, and how much participants differ"
 """What two numbers say."""
 
 
@@ -76,7 +76,7 @@ class ChoiceModel(Model):
             planned = (test.chance for test in protocol.analysis if task.id in test.tasks and test.chance is not None)
             chance = next(planned, 1 / count)
             tasks.append(_evenly(own, chance))
-        return ChoiceModel("guessing on average, with the same spread among participants", tuple(tasks), null=True)
+        return ChoiceModel("guessing on average, with the same spread across participants", tuple(tasks), null=True)
 
     def answers(self, planned: Design, participants: int, studies: int, random: np.random.Generator) -> Every:
         """Return the answers to each question, and how many studies have a mean above chance in its family.
@@ -131,7 +131,7 @@ class ChoiceModel(Model):
                 spread = float(task.spread[place])
                 records.append({"task": task.task, "presented": planned.materials[place], **named, "spread": spread})
         note = (
-            "Mean share of each answer; spread is the intraclass correlation of one participant's answers to a "
+            "Mean proportion of each answer; spread is the intraclass correlation of a participant's answers to one "
             "material."
         )
         columns = Column("task", left=True), Column("presented", left=True), *map(Column, (*answers, "spread"))
@@ -177,11 +177,11 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
             rounding = sum(cell.mean.unit for cell in row) / 2
             if gap < -rounding:
                 notes.append(
-                    f"{where}: the printed ratios add up to {1 - gap:.3f}, more than rounding explains; one "
-                    "of them is wrong in print, and all are scaled to add up to 1"
+                    f"{where}: the printed ratios add up to {1 - gap:.3f}, which rounding cannot explain; one of "
+                    "them is a misprint, and all are scaled to add up to 1"
                 )
             if gap > rounding:
-                notes.append(f"{where}: the printed ratios leave {gap:.3g}, which is taken as no material named")
+                notes.append(f"{where}: the printed ratios leave {gap:.3g}, which counts as no material named")
                 shares = np.array([*means, gap])
             else:
                 shares = np.array([*means / means.sum(), 0.0])
@@ -189,7 +189,7 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
             rows[shown] = shares, _spread(shares[:-1], variance, 1 / did.trials, did.participants, where, notes)
         tasks.append(_answers(task.id, rows, ids))
     where = " and ".join(dict.fromkeys(table.where for table in printed.table))
-    source = f"means and standard deviations of {where} of {printed.source}"
+    source = f"means and standard deviations from {where} in {printed.source}"
     return ChoiceModel(source, tuple(tasks), tuple(notes))
 
 
@@ -216,7 +216,7 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
             if people < 2:
                 raise PowerError(
                     f"{folder}: task {task.id}, {shown}: got {plural(people, 'participant')}; allowed: at least "
-                    "2, so that their spread can be fitted; state the model in a TOML file instead"
+                    "2, to fit their spread; state the model in a TOML file instead"
                 )
             present = answers.trials[:, i] > 0
             done = answers.trials[present, i]
@@ -254,7 +254,7 @@ def stated(file: Path, protocol: Protocol) -> ChoiceModel:
         raise PowerError(
             f"{file}: task {wrong[0].task}, {wrong[0].presented}",
             f"got {len(wrong[0].answers)} answers",
-            "give a share of answers for each, with 0 for one that is never given",
+            "give a proportion for each answer, with 0 for an answer that is never given",
             allowed=f"{len(ids)}, in the order of the protocol: {', '.join(ids)}",
         )
     rows = {(row.task, row.presented): row for row in model.rows}
@@ -276,14 +276,14 @@ def observer(right: float, spread: float, protocol: Protocol) -> ChoiceModel:
     Raises `PowerError` for a share that is not between 0 and 1, or a spread that is not from 0 to `MOST_SPREAD`.
     """
     if not (0 < right < 1 and 0 <= spread <= MOST_SPREAD):
-        allowed = f"a share of right answers above 0 and below 1, and a spread from 0 to {MOST_SPREAD}"
+        allowed = f"a proportion correct above 0 and below 1, and a spread from 0 to {MOST_SPREAD}"
         raise PowerError("--model", f"got {right:g},{spread:g}", "give two numbers", allowed=allowed)
     ids = [material.id for material in protocol.materials]
     tasks = []
     for task in protocol.tasks:
         shown = [[1.0 * (name in protocol.materials_of(task))] * (len(ids) + 1) for name in ids]
         tasks.append(_evenly(Answers(task.id, np.array(shown), np.full(len(ids), spread)), right))
-    said = f"participants who are right in {right:g} of trials, and differ by an intraclass correlation of {spread:g}"
+    said = f"participants whose proportion correct is {right:g}, with an intraclass correlation of {spread:g}"
     return ChoiceModel(said, tuple(tasks))
 
 
@@ -301,7 +301,7 @@ def _shares_add_up(table: Mapping[str, Any]) -> Iterator[Broken]:
     answers = table.get("answers")
     numbers = answers if isinstance(answers, tuple) else ()
     if all(isinstance(share, int | float) for share in numbers) and sum(numbers) > 1 + ROUNDING:
-        yield Broken(("answers",), "shares that add up to 1 at most; the rest up to 1 is no material named")
+        yield Broken(("answers",), "proportions that add up to at most 1; the rest counts as no material named")
 
 
 class StatedRow(Confined):
@@ -334,16 +334,16 @@ def _spread(shares: Floats, variance: float, shortness: float, people: int, wher
         return 0.0
     fit = (variance / largest - shortness) / (1 - shortness)
     if fit < 0:
-        notes.append(f"{where}: participants differ less than by chance alone; their spread is taken as 0")
+        notes.append(f"{where}: participants differ less than expected by chance; their spread is set to 0")
     elif fit > MOST_SPREAD:
-        notes.append(f"{where}: each participant gives one answer only; their spread is taken as {MOST_SPREAD}")
+        notes.append(f"{where}: each participant gives only one answer; their spread is set to {MOST_SPREAD}")
     return min(max(fit, 0.0), MOST_SPREAD)
 
 
 def _lacking(what: str, task: str, materials: str) -> PowerError:
     return PowerError(
-        f"{what}: got nothing for task {task}, {materials}; allowed: every task and material of the protocol; add it, "
-        "or choose another --model"
+        f"{what}: got no proportions for task {task}, {materials}; allowed: every task and material of the protocol; "
+        "add it, or choose another --model"
     )
 
 

@@ -40,13 +40,13 @@ PRINTED = "percentages"
 """What print has of choices."""
 
 NUMBERS = (
-    "0.7,0.5: the share of choices of a material over the one before it, and how unlike participants are, in logits"
+    "0.7,0.5: how often a material is chosen over the previous one, and how much participants differ (SD, in logits)"
 )
 """What two numbers say."""
 
 MEAN = (
-    "The values are those of all participants' choices together, which lie nearer to each other than those of one "
-    "participant do, and so does the spread"
+    "The values are fitted to the pooled choices of all participants. They are closer together than those of one "
+    "participant, and the spread is smaller"
 )
 
 
@@ -80,7 +80,7 @@ class PairModel(Model):
 
     def control(self, _: Protocol) -> "PairModel":
         """Return observers to whom nothing differs on average, and who differ as much."""
-        source = "materials that are alike on average, with the same spread among participants"
+        source = "materials that are alike on average, with the same spread across participants"
         tasks = tuple(replace(one, values=np.zeros_like(one.values), order=0.0) for one in self.tasks)
         return replace(self, source=source, tasks=tasks)
 
@@ -126,7 +126,7 @@ def planned_tasks(protocol: Protocol) -> tuple[list[str], list[str]]:
     if not planned:
         raise PowerError(
             f"study {protocol.study.id}: got no planned {PLANNED}; allowed: comparisons whose protocol plans that "
-            "scale; plan it, or plan without palpate power"
+            "scale; plan it, or do not use palpate power"
         )
     return [task.id for task in protocol.tasks if task.id in planned], [one.id for one in protocol.materials]
 
@@ -158,8 +158,8 @@ def observer(share: float, spread: float, protocol: Protocol) -> PairModel:
     values = np.asarray(logit(share) * (np.arange(len(ids)) - (len(ids) - 1) / 2), dtype=np.float64)
     every = tuple(Observers(task, values, 0.0, spread, spread, ranked(protocol, values)) for task in tasks)
     said = (
-        f"observers who choose each material over the one before it in {share:g} of trials, and whose values differ by "
-        f"an SD of {spread:g} logits"
+        f"observers who choose each material over the previous one in a proportion of {share:g} of trials, and whose "
+        f"values have an SD of {spread:g} logits"
     )
     return PairModel(said, every, _never(every, ids))
 
@@ -173,8 +173,8 @@ def from_print(printed: Published, protocol: Protocol) -> PairModel:
     for task in tasks:
         if task not in blocks:
             raise PowerError(
-                f"the tables of {printed.study}: got no percentages of choices in task {task}; allowed: those of every "
-                "task whose scale is planned; choose another --model"
+                f"the tables of {printed.study}: got no percentages of choices in task {task}; allowed: percentages "
+                "for every task whose scale is planned; choose another --model"
             )
         wins, trials = np.zeros((len(ids), len(ids))), np.zeros((len(ids), len(ids)))
         for cell in blocks[task].cells:
@@ -186,9 +186,9 @@ def from_print(printed: Published, protocol: Protocol) -> PairModel:
             where = f"the percentages of {printed.study}, task {task}"
             raise PowerError(f"{where}: got no finite scale; state one in a TOML file")
         observers.append(Observers(task, values, 0.0, SPREAD, SPREAD, ranked(protocol, values)))
-    note = f"no paper prints how much participants differ: the spread is ours, {SPREAD:g} logits"
+    note = f"no paper prints how much participants differ, so palpate assumes an SD of {SPREAD:g} logits"
     where = " and ".join(dict.fromkeys(blocks[task].where for task in tasks))
-    return PairModel(f"percentages of {where} of {printed.source}", tuple(observers), (note, *_never(observers, ids)))
+    return PairModel(f"percentages from {where} in {printed.source}", tuple(observers), (note, *_never(observers, ids)))
 
 
 def fitted(folder: Path, protocol: Protocol) -> PairModel:
@@ -213,7 +213,7 @@ def fitted(folder: Path, protocol: Protocol) -> PairModel:
         if found is None or not np.isfinite(found.values).all():
             raise PowerError(
                 f"{folder}: got no finite scale of two participants in task {task}; allowed: comparisons in which each "
-                "material was chosen over others and not over all; state a model in a TOML file"
+                "material was chosen over some others but not all; state a model in a TOML file"
             )
         beyond = len(people) * (np.diagonal(found.covariance[0]) - np.diagonal(found.alike[0]))
         spread, order_spread = np.sqrt(np.clip([beyond[:-1].mean(), beyond[-1]], 0.0, None)).tolist()

@@ -31,7 +31,7 @@ PLANNED = "sensitivity"
 PRINTED = "answers to signals"
 """What print has of answers."""
 
-NUMBERS = "1.5,0.5: the mean d' of every signal, and the SD of d' among participants"
+NUMBERS = "1.5,0.5: the mean d' of every signal, and the SD of d' across participants"
 """What two numbers say."""
 
 VALUES = Column("task", left=True), Column("signal", left=True), Column("value", "mean d'"), Column("spread", "SD")
@@ -65,7 +65,7 @@ class DetectionModel(Model):
 
     def control(self, _: Protocol) -> "DetectionModel":
         """Return observers who detect nothing on average, and who differ as much."""
-        source = "signals that nobody detects on average, with the same spread among participants"
+        source = "signals with a mean d' of 0, with the same spread across participants"
         tasks = tuple(replace(one, values=dict.fromkeys(one.values, 0.0)) for one in self.tasks)
         return replace(self, source=source, tasks=tasks)
 
@@ -89,8 +89,8 @@ class DetectionModel(Model):
         """Return the mean d' of each signal in each task, and the SD among participants."""
         trials = "; ".join(f"{one.task}: {one.shown} of each signal, {one.others} without it" for one in self.tasks)
         about = (
-            "Observers have no bias, and d' is normally distributed among participants; the table gives its mean and "
-            f"SD. Trials of each participant: {trials}. Nobody withdraws, and no exclusion rule is applied."
+            "Observers have no bias, and d' is normally distributed across participants; the table shows its mean and "
+            f"SD. Trials per participant: {trials}. No one withdraws, and no exclusion rule is applied."
         )
         records: list[Record] = [
             {"task": one.task, "signal": signal, "value": value, "spread": one.spread}
@@ -128,7 +128,7 @@ def _planned(protocol: Protocol) -> list[Task]:
     found = [task for task in protocol.tasks if task.id in named and task.levels is None]
     own = protocol.table(Detection)
     if not found or (own.intervals == 1 and not own.catch_trials):
-        got = "got catch_trials = 0" if found else f"got no task without levels of which {PLANNED} is planned"
+        got = "got catch_trials = 0" if found else f"got no planned {PLANNED} for a task without levels"
         raise PowerError(f"study {protocol.study.id}", got, "plan it", allowed="d', with trials that have no signal")
     return found
 
@@ -145,7 +145,7 @@ def observer(d: float, spread: float, protocol: Protocol) -> DetectionModel:
     tasks = tuple(
         _detectors(protocol, task, dict.fromkeys(signals(protocol, task), d), spread) for task in _planned(protocol)
     )
-    return DetectionModel(f"a mean d' of {d:g}, with an SD of {spread:g} among participants", tasks)
+    return DetectionModel(f"a mean d' of {d:g}, with an SD of {spread:g} across participants", tasks)
 
 
 class StatedDetection(Confined):

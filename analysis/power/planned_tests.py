@@ -346,7 +346,7 @@ def _between_materials(
     for task in test.tasks:
         for one, other in combinations(planned.chosen(test, task), 2):
             gaps = drawn[task][one, one] - drawn[task][other, other]
-            name = f"{planned.materials[one]} less {planned.materials[other]}"
+            name = f"{planned.materials[one]} minus {planned.materials[other]}"
             found.append(((task,), name, _flipped(gaps, planned.trials(task)), None))
     yield from _in_families(number, test, found)
 

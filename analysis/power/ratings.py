@@ -35,8 +35,8 @@ PRINTED = "ratings"
 """What print has of answers."""
 
 NUMBERS = (
-    "0.8,0.2: how far the means of the first and the last material lie apart, in numbers of the scale (where a power "
-    "law is planned, its exponent), and the SD of ratings (where one is planned, of their log10)"
+    "0.8,0.2: the difference between the means of the first and the last material, in scale units, and the SD of "
+    "ratings (if a power law is planned: its exponent, and the SD of log10 ratings)"
 )
 """What two numbers say."""
 
@@ -74,7 +74,7 @@ class RatingModel(Model):
 
     def control(self, _: Protocol) -> "RatingModel":
         """Return raters to whom all materials are alike on average, and who differ as much."""
-        source = "materials that are alike on average, with the same spread among participants"
+        source = "materials that are alike on average, with the same spread across participants"
         tasks = tuple(replace(one, values=np.full_like(one.values, one.values.mean())) for one in self.tasks)
         return replace(self, source=source, tasks=tasks)
 
@@ -93,7 +93,7 @@ class RatingModel(Model):
 
     def shown(self, planned: Design, said: tuple[str, ...]) -> Shown:
         """Return what each material is felt as in each task, and the SDs."""
-        unit = "log10 of numbers of the scale" if self.felt_as_logarithm else "numbers of the scale"
+        unit = "log10 of scale units" if self.felt_as_logarithm else "scale units"
         repeated = ", ".join(f"{one.id} {one.repetitions}" for one in planned.tasks)
         paragraphs = (said[0], ABOUT["raters"].substitute(repeated=repeated), *said[2:])
         records: list[Record] = [
@@ -181,7 +181,7 @@ def observer(apart: float, spread: float, protocol: Protocol) -> RatingModel:
     values = ends.mean() + apart * (steps - (steps.min() + steps.max()) / 2)
     tasks = tuple(Raters(task.id, values, spread, spread, spread) for task in protocol.tasks)
     what = f"a power law with the exponent {apart:g}" if model.felt_as_logarithm else f"means that span {apart:g}"
-    said = f"raters with {what}, who differ as single ratings do, by an SD of {spread:g}; equal SDs are our choice"
+    said = f"raters with {what}; palpate assumes the same SD of {spread:g} for participants and for single ratings"
     return replace(model, source=said, tasks=tasks)
 
 
@@ -228,7 +228,7 @@ def fitted(folder: Path, protocol: Protocol) -> RatingModel:
         cells = felt.groupby(["participant", "presented"])["felt"]
         means = cells.mean().unstack().reindex(columns=ids).dropna()
         if len(means) < 2:
-            allowed = "two or more who rated every material"
+            allowed = "two or more participants who rated every material"
             raise PowerError(
                 f"{folder}, task {task.id}", f"got {len(means)} participants", "give two numbers", allowed=allowed
             )

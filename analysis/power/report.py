@@ -53,7 +53,7 @@ def _studies(result: Power) -> Section:
     shares = [f"{task.id} {task.participants} of {result.design.participants}" for task in result.design.tasks]
     trials = [f"{task.id} {task.repetitions}" for task in result.design.tasks]
     paragraphs = (
-        f"{result.studies} SIMULATED studies of {result.study} were drawn of each size, with seed {result.seed}. "
+        f"{result.studies} SIMULATED studies of {result.study} were run at each size, with seed {result.seed}. "
         f"Answers are from: {result.model.source}.",
         ABOUT["studies"].substitute(shares=", ".join(shares), trials=", ".join(trials)),
         *(f"{note[0].upper()}{note[1:]}." if not note.endswith(".") else note for note in result.notes),
@@ -170,7 +170,7 @@ def _sizes_table(
     ]
     of_tasks = ", ".join(task.id for task in result.design.tasks)
     apart = any(len(set(result.design.sizes(size))) > 1 for size in result.participants)
-    sizes = (f"n is the number of participants of the study ({of_tasks}).",) if apart else ()
+    sizes = (f"n is the number of participants in the study ({of_tasks}).",) if apart else ()
     return replace(tabulate(title(questions[0]), columns, records, (*sizes, *notes)), records=())
 
 
@@ -185,8 +185,8 @@ def _error(rows: Sequence[Row]) -> tuple[str, ...]:
     if not reaches:
         return ()
     return (
-        f"Monte Carlo error: Wilson's 95 % intervals reach at most {ceil(max(reaches) * 1000) / 1000:.3f} to either "
-        "side; they do not cover the uncertainty of the choice model. --out and --json give each interval.",
+        f"Monte Carlo error: Wilson's 95 % intervals extend at most {ceil(max(reaches) * 1000) / 1000:.3f} to either "
+        "side; they do not include the uncertainty of the choice model. --out and --json give each interval.",
     )
 
 
@@ -212,7 +212,7 @@ def _estimates(result: Power) -> tuple[Section, ...]:
     ]  # fmt: skip
     if not records:
         return ()
-    about = "A coefficient without a test has no power; the table shows how far its estimates lie apart instead."
+    about = "A coefficient without a test has no power; the table shows the spread of its estimates instead."
     few = [record for record in records if record["participants"] == _as_planned(result)]
     brief = (tabulate("", ESTIMATES, few),)
     return (Section("estimates", "Estimates of reliability", (about,), (tabulate("", ESTIMATES, records),), (), brief),)
@@ -225,15 +225,15 @@ def _undefined(result: Power) -> Section:
         for row in result.rows if row.tally.undefined
     ]  # fmt: skip
     if not records:
-        return Section("undefined", "Not defined", ("Every test of every study is defined.",))
+        return Section("undefined", "Not defined", ("Every test is defined in every study.",))
     every = [record for record in records if record["p"] != ADJUSTED]
     worst: dict[tuple[object, ...], Record] = {}
     for record in every:
         question = tuple(record[key] for key in ("planned_test", "tasks", "of", "answers"))
         if record["undefined"] > worst.setdefault(question, record)["undefined"]:
             worst[question] = record
-    about = "The values of these simulated studies define no statistic; the studies count as finding nothing."
-    say = "The sizes at which that was most frequent" if len(every) > len(worst) else ""
+    about = "The statistic is not defined for these simulated studies; they count as finding nothing."
+    say = "Sizes at which this was most frequent" if len(every) > len(worst) else ""
     brief = tabulate(say, UNDEFINED, (record for record in worst.values() if record["answers"] == "model"))
     table = replace(tabulate("", UNDEFINED, every), records=tuple(records))
     return Section("undefined", "Not defined", (about,), (table,), (), (brief,))
@@ -341,7 +341,7 @@ def _curve(axes: Axes, i: int, sizes: Sequence[int], values: Sequence[tuple[floa
 
 def _frame(axes: Axes, result: Power, questions: Sequence[Question], what: str) -> None:
     axes.set_xlim(0, max(result.participants) * 1.03)
-    axes.set_xlabel("participants of the study", labelpad=1)
+    axes.set_xlabel("participants in the study", labelpad=1)
     axes.set_ylabel(what)
     key(axes, title=title(questions[0]))
 

@@ -149,7 +149,7 @@ def run(
         raise PowerError("--alike", f"got {alike}", "give one", allowed="a number from 0 to 1")
     simulate.check_studies(studies)
     if len(looks) < 2 or list(looks) != sorted(set(looks)) or not 3 <= looks[0] <= looks[-1] <= MOST:
-        got, allowed = ", ".join(map(str, looks)), f"two or more rising numbers of participants, from 3 to {MOST}"
+        got, allowed = ", ".join(map(str, looks)), f"two or more increasing numbers of participants, from 3 to {MOST}"
         raise PowerError("--looks", f"got {got}", "give such", allowed=allowed)
     alpha = next((test.alpha for test in planned.tests if test.test == "t against chance"), ALPHA)
     levels: list[float] = []
@@ -272,17 +272,17 @@ def section(result: Sequential) -> Section:
     """Return the design and its outcomes."""
     looks = ", ".join(map(str, result.looks))
     how = {
-        "obrien-fleming": "alpha is spent as O'Brien and Fleming do",
-        "pocock": "alpha is spent as Pocock does",
-        "bayes": f"a question stops where the Bayes factor for or against a difference is {EVIDENCE:g} or more",
+        "obrien-fleming": "alpha is spent according to the O'Brien-Fleming function",
+        "pocock": "alpha is spent according to the Pocock function",
+        "bayes": f"a question stops when the Bayes factor for or against a difference is {EVIDENCE:g} or more",
     }[result.rule]
-    levels = f" P has to be at most {', '.join(f'{level:.5f}' for level in result.levels)}." if result.levels else ""
+    levels = f" P must be at most {', '.join(f'{level:.5f}' for level in result.levels)}." if result.levels else ""
     paragraphs = (
-        f"{result.studies} SIMULATED studies of {result.study} look at the answers of {looks} participants, who all do "
+        f"{result.studies} SIMULATED studies of {result.study} have looks at {looks} participants, all of whom do "
         f"every task; {how}.{levels} Seed {result.seed}. Answers are from: {result.source}.",
-        f"Of what participants differ by, the share {result.alike:g} is one level, common to all tasks and materials. "
-        "In the control they differ as much, right answers are as frequent as by chance, and what is found is the type "
-        "I error. Each question stops by itself.",
+        f"A proportion of {result.alike:g} of the variance between participants is common to all tasks and "
+        "materials. In the control studies, participants differ as much but answer at chance level, so any findings "
+        "are type I errors. Each question stops independently.",
     )
     found_at, none_at = (tuple(f"{what}_at_{look}" for look in result.looks) for what in ("found", "none"))
     records: list[Record] = []
@@ -301,13 +301,13 @@ def section(result: Sequential) -> Section:
         Column(found_at, f"found at {looks}", show=lambda *shares: " ".join(f"{share:.2f}" for share in shares)),
         *([Column(none_at, "for none", show=lambda *shares: f"{sum(shares):.3f}")] if result.rule == "bayes" else []),
     )
-    note = "n is the number of participants on average. In brackets is Wilson's 95 % interval, the Monte Carlo error."
-    same = "Where all participants give the same ratio t is not defined, and nothing is found; sign flips have a P."
+    note = "n is the mean number of participants. Brackets show Wilson's 95 % interval for the Monte Carlo error."
+    same = "If all participants have the same ratio, t is not defined and finds nothing; sign flips still have a P."
     fewest = next(people for people in range(3, MOST) if log_bayes_factor(0.0, people) <= -math.log(EVIDENCE))
     bayes = (
-        "A Bayes factor is no test: its type I error is what it is, and depends on the looks.",
-        f"So much evidence for none takes {fewest} participants or more: "
-        f"{f'looks before {fewest}' if result.looks[-1] >= fewest else 'these looks'} cannot stop for none.",
+        "A Bayes factor is not a test: its type I error rate is not controlled and depends on the looks.",
+        f"Enough evidence for no difference needs {fewest} participants or more: "
+        f"{f'looks before {fewest}' if result.looks[-1] >= fewest else 'these looks'} cannot stop for no difference.",
     ) * (result.rule == "bayes")  # fmt: skip
     return Section("looks", "Design with looks", paragraphs, (tabulate("", columns, records, (note, same, *bayes)),))
 

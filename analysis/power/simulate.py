@@ -236,8 +236,8 @@ def find(name: str, protocol: Protocol) -> Model:
     if not planned.power:
         raise PowerError(
             f"study {protocol.study.id}",
-            f"no model simulates answers of the design '{planned.name}'",
-            "give a study of another design, or name the module of a model in `power` of its design",
+            f"no model simulates answers for the design '{planned.name}'",
+            "give a study with another design, or name a model's module in `power` of its design",
         )
     models = import_module(planned.power)
     found: Model
@@ -252,7 +252,7 @@ def find(name: str, protocol: Protocol) -> Model:
     else:
         raise PowerError(
             f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study "
-            f"whose printed {models.PRINTED} palpate holds, the folder of a dataset, a TOML file, or two numbers, "
+            f"whose printed {models.PRINTED} palpate contains, the folder of a dataset, a TOML file, or two numbers, "
             f"{models.NUMBERS}; give one of these"
         )
     return found
@@ -265,8 +265,8 @@ def prepare(protocol: Protocol, model: str, alpha: float | None = None) -> tuple
     for place, test in enumerate(protocol.analysis):
         values = asked.values(protocol, test.groups) if test.groups else ()
         if len(values) > 2:
-            got, remedy = f"a fact of {len(values)} values", "plan one of two values, or simulate it on your own"
-            raise PowerError(f"analysis[{place}].groups", got, remedy, allowed="two values, for groups of one size")
+            got, remedy = f"a fact with {len(values)} values", "plan a fact with two values, or simulate it yourself"
+            raise PowerError(f"analysis[{place}].groups", got, remedy, allowed="two values, for groups of equal size")
     protocol = _without_controls(protocol)
     chosen = find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)
@@ -430,8 +430,8 @@ def on_cores(work: Callable[[Work], Result], chunks: Sequence[Work], jobs: int =
             yield from parallel(delayed(_placed)(work, place, chunk) for place, chunk in enumerate(chunks))
     except BrokenProcessPool as error:
         raise PowerError(
-            f"--jobs {jobs}: the operating system ended a worker process, perhaps because memory ran out; call again "
-            "with fewer jobs"
+            f"--jobs {jobs}: the operating system ended a worker process, perhaps because memory ran out; "
+            "use fewer jobs"
         ) from error
 
 
@@ -446,7 +446,7 @@ def on_cluster(work: Callable[[Work], Result], chunks: Sequence[Work], address: 
         from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
     except ImportError:
-        raise PowerError("--scheduler: Dask is not installed here; install palpate[cluster], then call again") from None
+        raise PowerError("--scheduler: Dask is not installed here; install palpate[cluster], then try again") from None
     try:
         client = Client(address, timeout=PATIENCE)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
@@ -463,7 +463,7 @@ def on_cluster(work: Callable[[Work], Result], chunks: Sequence[Work], address: 
                 future.release()
         except (KilledWorker, CommClosedError, FutureCancelledError) as error:
             reason = next(iter(str(error).splitlines()), type(error).__name__)
-            raise PowerError(f"--scheduler {address}: the cluster was lost ({reason}); call again") from error
+            raise PowerError(f"--scheduler {address}: lost the cluster ({reason}); try again") from error
 
 
 def software() -> dict[str, str]:
@@ -494,7 +494,7 @@ def _placed(work: Callable[[Work], Result], place: int, chunk: Work) -> tuple[in
 
 def _same_software(address: str, workers: dict[str, Any]) -> None:
     if not workers:
-        raise PowerError(f"--scheduler {address}: got a cluster without workers; start one there, then call again")
+        raise PowerError(f"--scheduler {address}: got a cluster without workers; start one there, then try again")
     ours = software()
     for worker, theirs in workers.items():
         if theirs != ours:

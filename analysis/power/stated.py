@@ -26,7 +26,7 @@ def by_task(
         raise PowerError(
             file,
             f"got a value in task {strange[0]}",
-            "correct the task of this value, or delete the task where the value is that of all tasks",
+            "correct the task of this value, or delete the task if the value applies to all tasks",
             allowed=f"{', '.join(tasks)}, or none",
         )
     for task in tasks:
@@ -35,7 +35,7 @@ def by_task(
         if sorted(named) != sorted(ids):
             raise PowerError(
                 f"{file}, task {task}",
-                f"got values of {', '.join(named) or 'no material'}",
+                f"got values for {', '.join(named) or 'no material'}",
                 " and ".join(_changes(named, ids)),
                 allowed=f"each material of the protocol once: {', '.join(ids)}",
             )
@@ -46,7 +46,7 @@ def by_task(
 def _changes(named: Sequence[str], ids: Sequence[str]) -> Iterator[str]:
     """Yield what to add to, and what to delete from, the materials named, so that each of `ids` is there once."""
     if missing := [one for one in ids if one not in named]:
-        yield f"add a value of {', '.join(missing)}"
+        yield f"add a value for {', '.join(missing)}"
     surplus = [one for place, one in enumerate(named) if one not in ids or one in named[:place]]
     if surplus:
         yield f"delete one of {', '.join(surplus)}"
@@ -55,4 +55,4 @@ def _changes(named: Sequence[str], ids: Sequence[str]) -> Iterator[str]:
 def other_study(folder: Path, wanted: str, numbers: str) -> PowerError:
     """Return the error of a dataset whose answers or materials are not those of the protocol."""
     remedy = f"give --model the folder of such a study, a TOML file, or two numbers, {numbers}"
-    return PowerError(folder, "got other answers or materials", remedy, allowed=wanted)
+    return PowerError(folder, "got answers or materials that are not the protocol's", remedy, allowed=wanted)

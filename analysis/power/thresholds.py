@@ -171,7 +171,7 @@ def doubts(protocol: StudyProtocol, rules: Mapping[str, Rule]) -> Iterator[Findi
         if 2 * (least := min(one.ruled for one in off)) < QUICK:
             yield Finding(
                 f"task {task.id}: the rule of the levels gives a threshold in {least} of {QUICK} SIMULATED sessions",
-                remedy="have more trials, or levels further apart; `palpate power` shows every observer",
+                remedy="use more trials, or levels farther apart; `palpate power` shows every observer",
                 verdict="warns",
             )
             continue
@@ -180,7 +180,7 @@ def doubts(protocol: StudyProtocol, rules: Mapping[str, Rule]) -> Iterator[Findi
             yield Finding(
                 f"task {task.id}: the threshold by the rule of the levels is {bias_db:+.1f} dB off in {QUICK} "
                 f"SIMULATED sessions of an observer with a spread of {worst.spread_db:g} dB",
-                remedy="have more reversals or trials, or smaller last steps; `palpate power` shows every observer",
+                remedy="use more reversals or trials, or smaller last steps; `palpate power` shows every observer",
                 verdict="warns",
             )
 
@@ -284,15 +284,16 @@ def _section(found: Thresholds) -> Section:
     ]  # fmt: skip
     off = [one for one in found.observers if abs(one.rule_bias_db or 0.0) > WARNED_DB]
     said = (
-        f"SIMULATED observers of {found.study}, seed {found.seed}: a known threshold amid the levels, four spreads, "
-        "three shares of lapses. Bias is from the true threshold; that by the rule, from where its share is right.",
-        f"By the rule the bias is above {WARNED_DB:g} dB for {len(off)} of {len(found.observers)} observers.",
+        f"SIMULATED observers of {found.study}, seed {found.seed}: a known threshold within the levels, four "
+        "spreads, three lapse rates. Fit bias is relative to the true threshold; rule bias is relative to the level "
+        "at the rule's proportion correct.",
+        f"The rule's bias is above {WARNED_DB:g} dB for {len(off)} of {len(found.observers)} observers.",
     )
     notes = (
-        "in interval: how often the 95 % interval of the fit holds the threshold, of sessions with a fit, and in "
-        "brackets Wilson's 95 % interval, its Monte Carlo error. no threshold: sessions whose track stayed at an end "
-        f"of the levels. n: participants whose mean threshold by the fit has a 95 % interval within {WITHIN_DB:g} dB, "
-        f"if thresholds have an SD of {BETWEEN_DB:g} dB among people; both are ours.",
+        "in interval: among sessions with a fit, how often its 95 % interval contains the threshold; brackets show "
+        "Wilson's 95 % interval, the Monte Carlo error. no threshold: sessions whose track stayed at one end of the "
+        f"levels. n: participants needed for a 95 % interval within {WITHIN_DB:g} dB around the mean fitted threshold, "
+        f"if thresholds have an SD of {BETWEEN_DB:g} dB across people; palpate sets both values.",
     )
     return Section("observers", "Simulated observers", said, (tabulate("Thresholds", COLUMNS, records, notes),))
 

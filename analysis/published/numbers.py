@@ -301,7 +301,7 @@ class PrintedChoice(Confined):
 def _choices_rules(table: Any) -> Iterator[Broken]:
     trials, people, pairs = table.get("trials"), table.get("participants"), len(_list(table.get("cells")))
     if isinstance(trials, int) and isinstance(people, int) and trials * people < pairs:
-        yield Broken(("trials",), f"so many that {people} participants have one for each of the {pairs} pairs")
+        yield Broken(("trials",), f"enough for {people} participants to have one for each of the {pairs} pairs")
 
 
 class PrintedChoices(Confined):
@@ -357,7 +357,7 @@ ENTRIES: Mapping[str, tuple[str, ...]] = {
 def _not_too_many(table: Any) -> Iterator[Broken]:
     counted = {key: sum(1 for _ in _dicts(table, key, *within)) for key, within in ENTRIES.items()}
     if sum(counted.values()) > MOST_PRINTED:
-        allowed = f"at most {MOST_PRINTED} cells, tests and other entries in one file; divide it"
+        allowed = f"at most {MOST_PRINTED} cells, tests and other entries in one file; split the file"
         yield Broken((max(counted, key=counted.__getitem__),), allowed)
     for path, block in _dicts(table, "anova"):
         if len(_list(block.get("lines"))) > MOST_LINES:
@@ -391,7 +391,7 @@ def _scores_named_apart(table: Any) -> Iterator[Broken]:
     for path, block in _dicts(table, "score"):
         for place, cell in _dicts(block, "cells"):
             if str((block.get("task"), cell.get("name"))) in materials:
-                allowed = "a name that no material of the task has, such as 'ease of glass'"
+                allowed = "a name other than the task's materials, such as 'ease of glass'"
                 yield Broken((*path, *place, "name"), allowed)
 
 
@@ -405,7 +405,7 @@ def _levels_stated(table: Any) -> Iterator[Broken]:
     """Stars and claims of significance mean something only beside the level of each."""
     cells = [cell for key in ("table", "score") for _, cell in _dicts(table, key, "cells")]
     if not _list(table.get("levels")) and (table.get("claim") or any(cell.get("stars") for cell in cells)):
-        yield Broken(("levels",), "the P below which each number of stars is given, where there are stars or claims")
+        yield Broken(("levels",), "the P below which each number of stars is given, if there are stars or claims")
 
 
 def _nulls_stated(table: Any) -> Iterator[Broken]:
@@ -417,9 +417,9 @@ def _nulls_stated(table: Any) -> Iterator[Broken]:
         if test.get("null") is not None:
             continue
         if (test.get("task"), test.get("of")) in scores:
-            yield Broken((*path, "null"), "a number, where the test is of a score")
+            yield Broken((*path, "null"), "a number, if the test is of a score")
         elif table.get("chance") is None:
-            yield Broken((*path, "null"), "a number, where the file states no chance")
+            yield Broken((*path, "null"), "a number, if the file states no chance")
 
 
 def _published_rules(table: Any) -> Iterator[Broken]:

@@ -92,19 +92,19 @@ def read(path: Path, stated: Stated) -> Paper:
         try:
             confusions += _add(document, grid, stated, confusions, passed)
         except _Unknown as reason:
-            passed.append(f"{grid.name} was passed over: {reason}.")
+            passed.append(f"{grid.name} was skipped: {reason}.")
     passed += _tied(document, stated.chance)
     passed += unchecked
     if len(tests) == prose.MOST_TESTS:
-        passed.append(f"Tests in sentences behind the first {prose.MOST_TESTS:,} were passed over.")
+        passed.append(f"Tests in sentences after the first {prose.MOST_TESTS:,} were skipped.")
     found = any(key in document for key in ("table", "t", "anova"))
     if not found and not tests:
         told = f"; {' '.join(passed).rstrip('.')}" if passed else ""
         raise PublishedError(
             path,
-            f"got {len(grids)} tables and {len(words.split())} words, and nothing that the audit can check{told[:600]}",
+            f"got {len(grids)} tables and {len(words.split())} words, but nothing that the audit can check{told[:600]}",
             "or write a TOML file",
-            allowed="confusion tables (answers beside materials), ANOVA tables (SS, df, MS, F, P), tables of "
+            allowed="confusion tables (answers by materials), ANOVA tables (SS, df, MS, F, P), tables of "
             "t-tests (t, df, P), and sentences such as 't(11) = 8.14, p < .001'",
         )
     try:
@@ -189,7 +189,7 @@ def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int, 
         if found is not None:
             return found
     first = next((_clean(", ".join(filter(None, row)), 80) for row in grid.rows if any(row)), "")
-    raise _Unknown(f"its headings ({first}) are of no kind that the audit knows")
+    raise _Unknown(f"the audit does not recognize its headings ({first})")
 
 
 def _add_below(
@@ -234,15 +234,15 @@ def _add_confusion(
     stated: Stated, number: int, passed: _Passed,
 ) -> None:  # fmt: skip
     if not stated.participants:
-        raise _Unknown("it is a confusion table, and how many took part is not known; give --participants")
+        raise _Unknown("it is a confusion table with an unknown number of participants; give --participants")
     if number >= len(stated.participants) > 1:
-        raise _Unknown("--participants gives no number for it")
+        raise _Unknown("--participants gives no number for this table")
     people = stated.participants[min(number, len(stated.participants) - 1)]
     cells, unread = [], list[tuple[str, str]]()
     materials = [name for name, _ in named if name in answers[1:]]
     for name, row in named:
         if name not in materials:
-            unread += [(f"the row '{name}', which no column has", next(filter(None, row[1:]), ""))]
+            unread += [(f"the row '{name}', which has no column", next(filter(None, row[1:]), ""))]
             passed.unread += max(sum(plain(one) not in NOTHING for one in row[1:]), 1) - 1
             continue
         for answered, text in zip(answers[1:], row[1:], strict=True):
@@ -254,7 +254,7 @@ def _add_confusion(
                 cells.append({"presented": name, "answered": answered, "mean": match[1], **({"sd": sd} if sd else {})})
     passed.cells(where, unread)
     if not cells:
-        raise _Unknown("no cell holds a mean, or a mean and an SD")
+        raise _Unknown("no cell has a mean, or a mean and an SD")
     cells, turned = _with_answers_in_columns(cells, len(materials))
     where += turned
     percent = _is_percent(cells)
@@ -332,8 +332,8 @@ def _tied(document: dict[str, Any], chance: str | None) -> list[str]:
                 test["task"] = fitting[0]
                 del test["null"]
             elif fitting:
-                why = "several have its participants" if chance else "what it is against is not known; give --chance"
-                passed.append(f"{name} was not held against a confusion table: {why}.")
+                why = "several have its participants" if chance else "chance is unknown; give --chance"
+                passed.append(f"{name} was not compared with a confusion table: {why}.")
     if chance:
         document["chance"] = chance
     _drop_tasks(document, presented)
@@ -424,7 +424,9 @@ def _csv(path: Path, stated: delimited.Stated) -> tuple[Grid, ...]:
     except PalpateError as error:
         raise PublishedError.saying(error) from error
     except csv.Error as error:
-        raise PublishedError(path, f"got no CSV ({error})", "save the table anew", allowed="rows of cells") from error
+        raise PublishedError(
+            path, f"it is not CSV ({error})", "save the table again", allowed="rows of cells"
+        ) from error
     if decimal == ",":
         rows = [[_with_point(cell) for cell in row] for row in rows]
     return _grids(path, (list(block) for filled, block in groupby(rows, any) if filled))
@@ -450,7 +452,7 @@ def _grids(path: Path, tables: Iterable[list[list[str]]], names: Iterable[str] =
             raise PublishedError(
                 path,
                 f"got tables of more than {WIDEST} columns or {MOST_CELLS} cells",
-                "leave out what is none",
+                "remove everything that is not a table",
                 allowed="the tables of one paper",
             )
         number = f"table {len(found) + 1}"

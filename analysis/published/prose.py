@@ -214,21 +214,21 @@ def _unchecked(even: str, taken: bytearray) -> tuple[str, ...]:
         known = re.fullmatch(_KNOWN, match["name"]) is not None
         behind = _p_behind(even, match.end(), taken)
         if behind or (known and match["df"]):
-            lacks = "no df stand beside it" if not match["df"] else "its df or its P are not clear"
-            why = "no P stands beside it" if not behind else lacks
+            lacks = "it has no df" if not match["df"] else "its df or its P is unclear"
+            why = "it has no P" if not behind else lacks
             span = match.start(), behind or match.end()
             _take(span, taken)
             found.append(
-                (span[0], even[slice(*span)], why if known else "P is recomputed of t, F, chi-squared, r and z")
+                (span[0], even[slice(*span)], why if known else "only t, F, chi-squared, r and z are recomputed")
             )
-    for pattern, why in ((_ANY_P, "no statistic with df stands beside it"), (_ANY_INTERVAL, "no t, r or z of it")):
+    for pattern, why in ((_ANY_P, "it has no statistic with df"), (_ANY_INTERVAL, "it has no t, r or z")):
         for match in pattern.finditer(even):
             if _free(match.span(), taken):
                 _take(match.span(), taken)
                 found.append((match.start(), match[0], why))
     told = [f"'{' '.join(text.split())}' was not checked: {why}." for _, text, why in sorted(found)]
     more = len(told) - MOST_NAMED
-    return (*told[:MOST_NAMED], *([f"{more} more of the kind were not checked."] if more > 0 else ()))
+    return (*told[:MOST_NAMED], *([f"{more} more like this were not checked."] if more > 0 else ()))
 
 
 def _p_behind(even: str, end: int, taken: bytearray) -> int:

@@ -111,7 +111,7 @@ def read(root: Path, say: Say = silent) -> Study:
         levels = Levels(shown, own, facts["Origin"], facts.get("Format") != storage.DATASET_FORMAT)
         _extend(columns, trials_in(path, participant, task, levels, sidecar["Rows"]), texts)
     if not columns:
-        raise DatasetError(f"{root} contains no trials", remedy="run a session first, then make the dataset again")
+        raise DatasetError(f"{root} contains no trials", remedy="run a session first, then rebuild the dataset")
     versions = tuple(of_people(read_versions(root, facts), people))
     first_tasks = first_tasks_of_people(first_tasks, people)
     protocol, sealed = _plan(root / "sourcedata" / (versions[-1].file if versions else "protocol.toml"))
@@ -149,23 +149,21 @@ def _extend(columns: dict[str, Any], found: Mapping[str, Sequence[Any]], texts: 
 
 def _task(task: str, shown: tuple[str, ...], sidecar: Mapping[str, Any], known: Task | None, beside: Path) -> Task:
     if known is not None and known.presented != shown:
-        raise DatasetError(
-            beside, f"Presented differs from that of other files of task {task}", "correct one of the files"
-        )
+        raise DatasetError(beside, f"Presented differs from other files of task {task}", "correct one of the files")
     return Task(task, str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", "")), shown)
 
 
 def _check_absent(events: Path) -> None:
     if left := sorted(events.parent.glob(f"{escape(events.name.removesuffix('events.tsv'))}*")):
         raise DatasetError(
-            f"{events} is missing, but {left[0].name} is there", remedy="restore it or make the dataset again"
+            f"{events} is missing, but {left[0].name} exists", remedy="restore it or rebuild the dataset"
         )
 
 
 def _check_new(session_id: str, owners: Mapping[str, tuple[str, str]], sidecar: Path) -> None:
     if session_id in owners:
         who, task = owners[session_id]
-        what = f"SessionId {session_id} is also that of participant {who}, task {task}"
+        what = f"participant {who}, task {task} has the same SessionId {session_id}"
         raise DatasetError(sidecar, what, "keep one of the two sessions")
 
 
@@ -199,16 +197,16 @@ def _sealed(plan: Path, protocol: Protocol) -> str:
     from palpate.experiment.protocol import approval
 
     if not approval.seal_path(plan).exists():
-        return "no seal stands beside it"
+        return "no seal is stored with it"
     seal = approval.read(plan)
     if seal.protocol_sha256 != approval.sha256(protocol):
-        return "the seal beside it is of another version"
+        return "the seal stored with it is for another version"
     later = [
         approval.read(one) for one in storage.protocol_paths(plan.parent.parent) if approval.seal_path(one).exists()
     ]
     own = [one.approval_number for one in later if one.protocol_sha256 == seal.protocol_sha256]
     renewed = f", renewed by {', '.join(own[1:])}" if own[1:] else ""
-    return f"sealed, approval {seal.approval_number} of {seal.board}, from {seal.approved_on} on{renewed}"
+    return f"sealed, approval {seal.approval_number} by {seal.board}, valid from {seal.approved_on}{renewed}"
 
 
 def _design(sidecar: dict[str, Any]) -> TaskDesign:
@@ -226,7 +224,7 @@ def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
         raise other
     if not isinstance(facts, dict) or not {"Study", "Origin", "Label", "Tasks"} <= set(facts):
         raise DatasetError(
-            path, "the key Palpate lacks Study, Origin, Label or Tasks", "give a dataset made by palpate"
+            path, "the key Palpate needs Study, Origin, Label and Tasks", "use a dataset made by palpate"
         )
     if facts["Origin"] not in ORIGINS:
         raise DatasetError(path, f"Origin is {facts['Origin']!r}", "correct it", allowed=", ".join(ORIGINS))
@@ -235,21 +233,21 @@ def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
         raise DatasetError(path, f"Tasks is {tasks!r}", "correct it", allowed="a list of task ids")
     incidents = facts.get("Incidents", [])
     if not (isinstance(incidents, list) and all(isinstance(one, str) for one in incidents)):
-        raise DatasetError(path, f"Incidents is {incidents!r:.60}", "make the tables again", allowed="a list of texts")
+        raise DatasetError(path, f"Incidents is {incidents!r:.60}", "rebuild the tables", allowed="a list of texts")
     return facts
 
 
 def _description(root: Path) -> dict[str, Any]:
     if not root.is_dir():
-        raise DatasetError(root, "is no folder", "give that of a dataset, such as participants/okamoto2012")
+        raise DatasetError(root, "is not a folder", "give the folder of a dataset, such as participants/okamoto2012")
     return json_of(root / "dataset_description.json", "give the folder of a dataset made by palpate")
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
-    sidecar = json_of(path, "make the dataset again, because every events file has its sidecar")
+    sidecar = json_of(path, "rebuild the dataset, because every events file needs its sidecar")
     materials, rows = sidecar.get("Materials"), sidecar.get("Rows")
     if not (isinstance(materials, list) and len(materials) > 1 and all(isinstance(m, str) for m in materials)):
-        raise wrong(path, "Materials", materials, "a list of two names or more")
+        raise wrong(path, "Materials", materials, "a list of two or more names")
     shown = sidecar.get("Presented", materials)
     if not (isinstance(shown, list) and shown and shown == [one for one in materials if one in shown]):
         raise wrong(path, "Presented", shown, f"a list of some of {', '.join(materials)}, in this order")
@@ -263,7 +261,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
         if sidecar.get(key) not in known:
             raise wrong(path, key, sidecar.get(key), ", ".join(known))
     if len(presented_in(asked := _design(sidecar))) != asked.intervals:
-        raise wrong(path, "Design", sidecar["Design"], f"a design that asks of what {sidecar['Kind']} presents")
+        raise wrong(path, "Design", sidecar["Design"], f"a design for {sidecar['Kind']}")
     if not isinstance(rows, int):
         raise wrong(path, "Rows", rows, "the number of rows")
     return sidecar
@@ -273,7 +271,7 @@ def _participants(path: Path) -> tuple[dict[str, bool], dict[str, str], dict[tup
     """Return whether each participant withdrew, the first task of those who have one, and the cell of each column."""
     columns, rows = table_of(path)
     if "participant_id" not in columns:
-        raise DatasetError(path, f"the column participant_id is missing; got {columns}", "make the dataset again")
+        raise DatasetError(path, f"the column participant_id is missing; got {columns}", "rebuild the dataset")
     found: dict[str, bool] = {}
     first: dict[str, str] = {}
     told: dict[tuple[str, str], str] = {}

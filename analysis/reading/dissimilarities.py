@@ -83,13 +83,13 @@ def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
             raise DatasetError(
                 path,
                 f"got {first!r}, {second!r}, {text!r}",
-                "mend the line",
-                allowed="two materials, each pair once, and a number from 0",
+                "correct the line",
+                allowed="two materials, each pair once, and a number of 0 or more",
                 line=line,
             )
         pairs[pair] = value
     for pair in map(frozenset, combinations(materials, 2)):
         if pair not in pairs:
-            raise DatasetError(path, f"got no dissimilarity of {' and '.join(sorted(pair))}", "add the line")
+            raise DatasetError(path, f"got no dissimilarity for {' and '.join(sorted(pair))}", "add the line")
     labels = sorted({label for _, row in rows if (label := row.get("dataset")) and label != "measured"})
     return Dissimilarities(pairs, " - ".join([path.name, *labels]))

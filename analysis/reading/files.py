@@ -79,11 +79,11 @@ def json_of(path: Path, remedy: str) -> dict[str, Any]:
     try:
         content = storage.json_of(text)
     except json.JSONDecodeError as error:
-        raise DatasetError(path, f"line {error.lineno} is not JSON ({error.msg})", "make the dataset again") from error
+        raise DatasetError(path, f"line {error.lineno} is not JSON ({error.msg})", "rebuild the dataset") from error
     except ValueError as error:
-        raise DatasetError(path, f"is not JSON ({error})", "make the dataset again") from error
+        raise DatasetError(path, f"is not JSON ({error})", "rebuild the dataset") from error
     if not isinstance(content, dict):
-        raise DatasetError(path, f"got {type(content).__name__}", "make the dataset again", allowed="a JSON object")
+        raise DatasetError(path, f"got {type(content).__name__}", "rebuild the dataset", allowed="a JSON object")
     # Without escapes and without such a character in the text, none can stand in what it holds.
     if "\\" in text or hidden(text, "\n" + JOINERS):
         refuse_hidden(path, content)
@@ -101,26 +101,24 @@ def refuse_hidden(path: Path, held: object) -> None:
         raise DatasetError(
             path,
             f"got {quoted(held)}",
-            "make the dataset again",
+            "rebuild the dataset",
             allowed="text without control or invisible characters",
         )
 
 
 def wrong(path: Path, key: str, got: object, allowed: str) -> DatasetError:
-    return DatasetError(path, f"{key} is {got!r}", "make the dataset again", allowed=allowed)
+    return DatasetError(path, f"{key} is {got!r}", "rebuild the dataset", allowed=allowed)
 
 
 def table_of(path: Path) -> tuple[list[str], list[list[str]]]:
-    text = _text(path, "make the dataset again")
+    text = _text(path, "rebuild the dataset")
     if not text.endswith("\n"):
-        raise DatasetError(f"{path} ends in the middle of a line", remedy="it is truncated: make the dataset again")
+        raise DatasetError(f"{path} ends in the middle of a line", remedy="it is truncated: rebuild the dataset")
     refuse_hidden(path, text.replace("\t", " "))
     lines = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
     for number, line in enumerate(lines, start=1):
         if len(line) != len(lines[0]):
-            raise DatasetError(
-                path, f"{len(line)} cells under {len(lines[0])} columns", "correct the line", line=number
-            )
+            raise DatasetError(path, f"{len(line)} cells in {len(lines[0])} columns", "correct the line", line=number)
     return lines[0], lines[1:]
 
 
@@ -141,16 +139,16 @@ def trials_in(path: Path, participant: str, task: str, levels: Levels, count: in
     if levels.older:
         own = [column for column in own if column in (*NEEDED, *PRESENTED)]
     if missing := [column for column in own if column not in header]:
-        raise DatasetError(path, f"missing columns: {', '.join(missing)}", "make the dataset again")
+        raise DatasetError(path, f"missing columns: {', '.join(missing)}", "rebuild the dataset")
     if len(lines) != count:
-        raise DatasetError(path, f"{plural(len(lines), 'row')}, its sidecar says {count}", "make the dataset again")
+        raise DatasetError(path, f"{plural(len(lines), 'row')}, its sidecar lists {count}", "rebuild the dataset")
     cells = {name: [line[place] for line in lines] for place, name in enumerate(header)}
     _check_choices(path, cells, levels)
     found = _parsed(path, cells, presented_in(levels.design))
     known: set[object] = set()
     for number, (trial, counts) in enumerate(zip(found["trial"], found["counted"], strict=True), start=2):
         if counts and trial in known:
-            raise DatasetError(path, f"trial {trial} counts twice", "let one attempt count", line=number)
+            raise DatasetError(path, f"trial {trial} counts twice", "mark only one attempt as counted", line=number)
         known |= {trial} if counts else set()
     return {"participant": [participant] * count, "task": [task] * count, **found}
 

@@ -29,7 +29,7 @@ def took_part(root: Path, facts: Mapping[str, Any], withdrawn: dict[str, bool]) 
             withdrawn.setdefault(own[1], bool(told["Withdrew"]))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         where, allowed = root / "dataset_description.json", "sub-LABEL_task-TASK, with Person and Withdrew"
-        what, remedy = f"got {facts['TookPart']!r:.60}", "make the tables again"
+        what, remedy = f"got {facts['TookPart']!r:.60}", "rebuild the tables"
         raise DatasetError(where, what, remedy, field="Palpate.TookPart", allowed=allowed) from error
     return people
 
@@ -37,7 +37,7 @@ def took_part(root: Path, facts: Mapping[str, Any], withdrawn: dict[str, bool]) 
 def sentences(people: People) -> tuple[str, ...]:
     """Return it in words, one for each session that is another person's."""
     return tuple(
-        f"The session of task {task} under the label {label} is analysed as that of {person}, who took part."
+        f"The session of task {task} labeled {label} is analyzed as the session of {person}, who took part."
         for (label, task), person in people.items()
         if label != person
     )
@@ -47,7 +47,7 @@ def check_once(root: Path, person: str, task: str, known: Container[tuple[str, s
     """Raise `DatasetError` for a person with two sessions of a task."""
     if (person, task) in known:
         what = f"participant {person} took part in two sessions of task {task}"
-        raise DatasetError(root / "dataset_description.json", what, "put on record whose each is: palpate incident")
+        raise DatasetError(root / "dataset_description.json", what, "record whose session each is: palpate incident")
 
 
 def first_tasks_of_people(first_tasks: Mapping[str, str], people: People) -> dict[str, str]:

@@ -79,19 +79,19 @@ def _check_alike(studies: Sequence[Study], names: Sequence[str]) -> None:
         raise DatasetError(
             f"got datasets of {', '.join(sorted(origins))}",
             remedy="pool the datasets of each origin separately",
-            allowed="those of one origin",
+            allowed="datasets of one origin",
         )
     for study, name in zip(studies, names, strict=True):
         if study.materials != first.materials:
             raise DatasetError(
                 name,
                 f"got the materials {', '.join(study.materials)}",
-                "analyse it separately",
+                "analyze it separately",
                 allowed=f"{', '.join(first.materials)}, as in {names[0]}",
             )
         if {*study.designs.values()} != {*first.designs.values()}:
             raise DatasetError(
-                name, f"got other answers than in {names[0]}", "analyse it separately", allowed="the same"
+                name, f"got answers unlike those in {names[0]}", "analyze it separately", allowed="the same"
             )
 
 
@@ -110,7 +110,7 @@ def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
         if len(alike) >= LEAST and len(alike) == len(both):
             people += [who for who, _ in alike]
         people = list(dict.fromkeys(people))
-        told = "all trials of a session are the same, and no id distinguishes the sessions"
+        told = "all trials of the sessions are the same, and no id distinguishes them"
     if people:
         more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""
         raise DatasetError(
@@ -177,6 +177,6 @@ def _tasks(studies: Sequence[Study]) -> tuple[Task, ...]:
             if (known.title, known.presented) != (task.title, task.presented):
                 one, other = (f"'{each.title}' with {', '.join(each.presented)}" for each in (known, task))
                 raise DatasetError(
-                    f"task {task.id}", f"got {one}, and {other}", "analyse the datasets separately", allowed="one"
+                    f"task {task.id}", f"got {one}, and {other}", "analyze the datasets separately", allowed="one"
                 )
     return tuple(found.values())

@@ -71,7 +71,7 @@ def exclude(
     """
     rules = tuple(rules)
     found = [
-        _attempt(row, AGAIN, f"attempt {row['attempt']} was done again: {row['redo_reason']}")
+        _attempt(row, AGAIN, f"attempt {row['attempt']} was repeated: {row['redo_reason']}")
         for row in attempts.loc[~attempts["counted"], [*PLACE, "redo_reason"]].to_dict("records")
     ]
     present = set(attempts["participant"])
@@ -106,7 +106,7 @@ def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
         f"{rule}, {plural(len(reasons), 'time')} ({'such as: ' if len(set(reasons)) > 1 else ''}{reasons[0]})"
         for rule, reasons in sorted(by_rule.items(), key=lambda item: item[0] == AGAIN)
     )
-    return DatasetError(dataset, f"every trial is left out: {told}", "check the exclusion rules of the protocol")
+    return DatasetError(dataset, f"every trial is excluded: {told}", "check the exclusion rules of the protocol")
 
 
 def _attempt(row: Mapping[Hashable, Any], rule: str, reason: str) -> Exclusion:
@@ -121,7 +121,7 @@ def _judged(rule: ExclusionRule) -> tuple[str, str]:
     """Return the column that a rule on trials judges, and words for it."""
     if rule.when == "undelivered":
         return "delivered", "whether the stimulus was delivered"
-    return ("frames_lost", "frames lost") if rule.when == "frames-lost" else ("foot_speed_mm_s", "the foot's speed")
+    return ("frames_lost", "frames lost") if rule.when == "frames-lost" else ("foot_speed_mm_s", "foot speed")
 
 
 def _unasked(attempts: pd.DataFrame, rule: ExclusionRule, with_objects: Collection[str]) -> list[Unasked]:
@@ -214,7 +214,7 @@ class Part:
     participants: tuple[str, ...]
     tasks: tuple[str, ...]
     protocol: Protocol | None
-    sealed: str = "no seal stands beside it"
+    sealed: str = "no seal is stored with it"
     anchors: tuple[str, ...] = ()
     versions: tuple[Version, ...] = ()
     incidents: tuple[str, ...] = ()
@@ -326,7 +326,7 @@ def check_chances(parts: Sequence[Part], materials: int) -> None:
         found = {part.name: _chance(part, task, materials) for part in parts if task in part.tasks}
         if len(set(found.values())) > 1:
             got = ", ".join(f"{float(value):.4g} ({name})" for name, value in found.items())
-            raise DatasetError(f"task {task}", f"got the chances {got}", "analyse the datasets apart", allowed="one")
+            raise DatasetError(f"task {task}", f"got the chances {got}", "analyze each dataset alone", allowed="one")
 
 
 def sentences(study: Study) -> tuple[str, ...]:
@@ -352,7 +352,7 @@ def _differences(study: Study) -> list[str]:
         if keys := [key for key in type(first).model_fields if getattr(protocol, key) != getattr(first, key)]:
             said.append(f"The protocols of {name} and {other} differ in: {', '.join(keys)}.")
     said += [
-        f"{part.name} holds no copy of its protocol, so that no rule excludes anything there and its plans are unknown."
+        f"{part.name} has no copy of its protocol, so no exclusion rules apply to it and its plans are unknown."
         for part in study.parts
         if not part.protocol and len(study.parts) > 1
     ]
@@ -369,8 +369,8 @@ def _amendments(part: Part) -> Iterator[str]:
         ]
         yield (
             f"The protocol of {part.name} was amended: {new.file} ({plural(len(new.sessions), 'session')}) differs "
-            f"from {old.file} ({plural(len(old.sessions), 'session')}) in: {', '.join(differing)}. Sessions of both "
-            "are analysed together. The planned numbers are those of the version in force."
+            f"from {old.file} ({plural(len(old.sessions), 'session')}) in: {', '.join(differing)}. Sessions under "
+            "both are analyzed together. The planned numbers are from the version in force."
         )
 
 
@@ -392,4 +392,4 @@ def _incomplete(study: Study) -> list[str]:
         for (participant, task), count in counted.items()
         if count < planned.get((participant, task), 0)
     ]
-    return [f"Fewer trials than planned were done; ratios are over those done: {', '.join(short)}."] if short else []
+    return [f"Fewer trials than planned were completed; ratios use only these: {', '.join(short)}."] if short else []

@@ -31,7 +31,7 @@ def read_versions(root: Path, facts: Mapping[str, Any]) -> tuple[Version, ...]:
         sessions = [frozenset(tuple(one.removeprefix("sub-").split("_task-")) for one in own) for _, own in listed]
     except (KeyError, TypeError) as error:
         path = root / "dataset_description.json"
-        raise DatasetError(path, "Versions lacks Protocol or Sessions", "make the dataset again") from error
+        raise DatasetError(path, "Versions is missing Protocol or Sessions", "rebuild the dataset") from error
     for session, times in Counter(one for own in sessions for one in own).items():
         if times > 1:
             raise _other_sessions(f"sub-{session[0]}_task-{session[1]} in {times} versions", root)
@@ -76,7 +76,7 @@ def apply_rules(
 
 def _other_sessions(got: str, root: Path = Path()) -> DatasetError:
     path, allowed = root / "dataset_description.json", "each session in one version"
-    return DatasetError(path, f"got {got}", "make the tables again", field="Palpate.Versions", allowed=allowed)
+    return DatasetError(path, f"got {got}", "rebuild the tables", field="Palpate.Versions", allowed=allowed)
 
 
 def _by_rules(

@@ -42,39 +42,39 @@ if TYPE_CHECKING:
     from palpate.analysis.statistics.shares import Limits
 
 QUESTIONS = {
-    T: "Are answers right more often than by chance?",
-    ONE_WAY: "Are the two materials told apart?",
+    T: "Are answers correct more often than expected by chance?",
+    ONE_WAY: "Can participants distinguish the two materials?",
     TWO_WAY: "Do the tasks differ?",
     ICC: "How reliable are the mean ratios?",
 }
 """What a test asks where no protocol words it."""
 
 TWO_WAY_ERRS = (
-    "This ANOVA treats each participant's ratios as independent; depending on how participants differ it rejects a "
-    "true null in 0 to 31 % of SIMULATED studies (5 % wanted). Sign flips need people who did both."
+    "This ANOVA treats each participant's ratios as independent. Depending on how participants differ, it rejects a "
+    "true null in 0 to 31 % of SIMULATED studies (nominal: 5 %). Sign flips need participants who did both tasks."
 )
 ONE_WAY_ERRS = "This ANOVA treats four ratios of each participant as independent, so its P is not exact."
 BY_FLIPS = (
-    "These are exact sign-flip tests: they reject a true null in 4 to 6 % of SIMULATED studies (5 % wanted), the "
-    "published t-test in 4 to 9 %. {} as published are below."
+    "These are exact sign-flip tests. They reject a true null in 4 to 6 % of SIMULATED studies (nominal: 5 %); the "
+    "published t-test does so in 4 to 9 %. {} as published are below."
 )
 OVER = {
-    "any population": "Somebody answers more like one who guesses than like the others. The interval of {} allows for "
-    "any population of participants.",
-    "trials": "There is one participant. The interval of {} is of this participant's trials (Clopper and Pearson).",
+    "any population": "At least one participant's answers look more like guessing than like the others'. The "
+    "interval for {} is therefore valid for any population of participants.",
+    "trials": "With one participant, the interval for {} is across that participant's trials (Clopper-Pearson).",
 }
 """What an interval is of, unless of participants who differ in one way."""
 
-TWO_ALONE = "There are two participants, so intervals are wide."
+TWO_ALONE = "There are only two participants, so the intervals are wide."
 MISFIT = 0.001
 """Where P of a model's fit is below, the first screen warns."""
 
 LOOSE = (
-    "The smaller group varies more than the other ({}). Where it does so and there is no difference, this test finds "
-    "one in 11 to 12 % of SIMULATED studies of 10 people and 6 to 8 % of 15 to 40, not in 5 %."
+    "The smaller group varies more than the other ({}). In that case, this test rejects a true null in 11 to 12 % "
+    "of SIMULATED studies of 10 people and in 6 to 8 % of studies of 15 to 40 (nominal: 5 %)."
 )
 
-UNDEFINED = "No answer: this test is not defined for what was planned and done."
+UNDEFINED = "No answer: this test is not defined for this plan and these data."
 
 
 def answers_section(study: Study, results: Results, stands: Standing, limits: tuple[str, ...]) -> Section:
@@ -101,7 +101,7 @@ def misfit_words(one: Misfit) -> str:
 
 
 RIGLESS = ("RECONSTRUCTION", "IMPORTED")
-NO_RIG = "No rig is on record, so what it did to the stimuli is unknown."
+NO_RIG = "No rig is on record, so its effect on the stimuli is unknown."
 
 VERIFY = "`palpate verify`"
 """What checks a dataset."""
@@ -118,12 +118,12 @@ def how_sure(study: Study, verify: str = VERIFY) -> str:
     """Return whether the plan was sealed, which anchors the data have, and that `verify` checks them."""
     known = [part for part in study.parts if part.protocol is not None]
     if not known:
-        return "No protocol is in the dataset, so nothing shows what was planned."
+        return "The dataset has no protocol, so there is no record of what was planned."
     said = dict.fromkeys(f"Protocol: {part.sealed}." for part in known)
     anchors = [anchor for part in study.parts for anchor in part.anchors]
     if not anchors:
-        return f"{' '.join(said)} No anchor is in the dataset, so nothing shows that its data were not changed."
-    which = f"anchor {anchors[0]}" if len(anchors) == 1 else f"{len(anchors)} anchors, the last {anchors[-1]}"
+        return f"{' '.join(said)} The dataset has no anchor, so nothing proves that its data are unchanged."
+    which = f"anchor {anchors[0]}" if len(anchors) == 1 else f"{len(anchors)} anchors, the latest {anchors[-1]}"
     return (
         f"{' '.join(said)} The dataset has {which}; compare it with your lab book. {verify} checks the data "
         f"against {'it' if len(anchors) == 1 else 'them'}."
@@ -162,18 +162,18 @@ class Words:
 
 DIFFERS = "shown to differ", "not shown to differ"
 WORDS = {
-    "sign flips against chance": Words("above chance", "not shown above chance", "Exact sign flips"),
-    "sign flips between tasks": Words(*DIFFERS, "Exact sign flips of those who did both", " less "),
-    "sign flips between materials": Words(*DIFFERS, "Exact sign flips"),
-    "repeated measures": Words("shown", "not shown", "Repeated measures with Huynh and Feldt's correction"),
+    "sign flips against chance": Words("above chance", "not shown to be above chance", "Exact sign-flip tests"),
+    "sign flips between tasks": Words(*DIFFERS, "Exact sign-flip tests of participants who did both tasks", " minus "),
+    "sign flips between materials": Words(*DIFFERS, "Exact sign-flip tests"),
+    "repeated measures": Words("shown", "not shown", "Repeated-measures ANOVA with the Huynh-Feldt correction"),
     "logit with participants": Words(
-        "shown", "not shown", "Wald's F of a logit in which participants differ by material and by task",
+        "shown", "not shown", "Wald F test of a logit model in which participants vary by material and task",
     ),
-    "equivalence": Words("shown to be the same", "not shown to be the same", "Two one-sided t-tests", " less "),
+    "equivalence": Words("shown to be equivalent", "not shown to be equivalent", "Two one-sided t-tests", " minus "),
     "order of tasks": Words(
-        "being first is shown to matter", "being first is not shown to matter", "Exact test of who began with which",
+        "shown to depend on order", "not shown to depend on order", "Exact test of which task each did first",
     ),
-    "difference of groups": Words(*DIFFERS, "Permutation test of Welch's t over who is in which group"),
+    "difference of groups": Words(*DIFFERS, "Permutation test of group membership with Welch's t"),
 }  # fmt: skip
 """By the name of the test."""
 
@@ -188,9 +188,9 @@ def _answer(one: Planned, question: str, mark: str) -> Asked:
         f"{_capital(words.tasks.join(tasks))}: {_groups(one, words, tasks)}."
         for tasks in dict.fromkeys(line.tasks for line in one.lines)
     ]
-    family = "" if one.plan.correction is None else f"; P by Holm over the {one.plan.correction}"
+    family = "" if one.plan.correction is None else f"; P is Holm-adjusted across the {one.plan.correction}"
     levels = {line.interval.confidence for line in one.lines if line.interval}
-    limits = "".join(f", with intervals of {100 * level:g} %" for level in levels)
+    limits = "".join(f", with {100 * level:g} % intervals" for level in levels)
     said += [f"{words.how}{limits}{family}."] * bool(one.lines)
     said += [f"No test of {name}: {why}." for name, why in one.statements.items()]
     return Asked(question, " ".join(said), mark, tuple(weak(one)))
@@ -228,12 +228,12 @@ def weak(one: Planned) -> Iterator[str]:
     """Yield what weakens the answer of a planned test."""
     yield from _rough([(line.subject or " and ".join(line.tasks), line.n, line.interval) for line in one.lines])
     if drawn := [line.error for line in one.lines if line.error]:
-        yield f"P is from {DRAWS:,} drawn signs or orders, with a standard error of {max(drawn):.1g} at most."
+        yield f"P is from {DRAWS:,} random sign flips or permutations; its standard error is at most {max(drawn):.1g}."
     if loose := [f"{line.subject} in {' and '.join(line.tasks)}" for line in one.lines if line.loose]:
         yield LOOSE.format(joined(loose))
     if lacking := [line for line in one.lines if not line.shown and (line.least or 0.0) >= one.plan.alpha]:
         names = joined([" of ".join(filter(None, (line.subject, " and ".join(line.tasks)))) for line in lacking])
-        yield f"With so few participants who differ, P cannot be below alpha, and nothing be shown, for {names}."
+        yield f"So few participants have a nonzero difference that P cannot fall below alpha for {names}."
 
 
 PLANNED_LINES = (
@@ -286,7 +286,7 @@ def _published(
             return _tasks_differ(results, question, mark, level)
         case "ICC" if results.components and (value := results.components.by_k[0][2]) is not None:
             k, limits = results.components.by_k[0][0], results.components.intervals[0]
-            said = f"ICC = {number(value)} (95 % CI {interval(limits)}), variance components, mean of k = {k}."
+            said = f"ICC = {number(value)} (95 % CI {interval(limits)}; variance components, mean of {k} participants)."
             return Asked(question, said, mark)
     return Asked(question, UNDEFINED, mark)
 
@@ -317,7 +317,7 @@ def _materials_above(task: TaskResult, level: float) -> str:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
         parts.append(f"above chance ({task.chance:.3g}) for {_listed(shown)} (sign flips, {p_at_most(most)})")
     if others:
-        parts.append(f"not shown above chance for {_listed(others)}")
+        parts.append(f"not shown to be above chance for {_listed(others)}")
     return f"{_capital(task.task.id)}: {'; '.join(parts) or 'no answers'}."
 
 
@@ -335,7 +335,7 @@ def _told_apart(results: Results, tasks: tuple[str, ...], stands: Standing, leve
         if effect.f is not None and effect.p is not None:
             differ = "differ" if effect.p < level else "are not shown to differ"
             how = f"one-way ANOVA of their four answer ratios, {_effect(pair.anova, effect)}"
-            yield f"{_capital(pair.task)}: answers to {joined(pair.pair)} {differ} ({how})."
+            yield f"{_capital(pair.task)}: the answers to {joined(pair.pair)} {differ} ({how})."
 
 
 def _by_flips(results: Results) -> str:
@@ -354,9 +354,9 @@ def _effect(anova: Anova, effect: Effect) -> str:
 def _tasks_differ(results: Results, question: str, mark: str, level: float) -> Asked:
     """Return the paired comparison of the participants who did both, or, without any, the two-way ANOVA."""
     paired = [
-        f"{_capital(one.first)} less {one.second}: {number(one.test.mean)} (95 % CI {interval(one.interval)}; "
-        f"exact sign flips, {p_is(one.flip.p)}, n = {one.test.n}), {'shown' if one.flip.p < level else 'not shown'} to "
-        "differ."
+        f"{_capital(one.first)} minus {one.second}: {number(one.test.mean)} (95 % CI {interval(one.interval)}; "
+        f"exact sign-flip test, {p_is(one.flip.p)}, n = {one.test.n}), "
+        f"{'shown' if one.flip.p < level else 'not shown'} to differ."
         for one in results.beside.paired
         if one.test.mean is not None
     ]

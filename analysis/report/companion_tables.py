@@ -84,8 +84,8 @@ CONTRASTS = (
 def beside_section(found: Beside, stands: Standing, common: tuple[str, ...] = ()) -> Section:
     """Return tests that hold of what the analyses of variance ask, or why there is none, after what is `common`."""
     about = (
-        "Companion tests take participants as the unit, where the analyses of variance take each ratio as independent. "
-        "Tests against chance by exact sign flips stand beside t."
+        "Companion tests use participants as the unit; the analyses of variance treat each ratio as independent. "
+        "Exact sign-flip tests against chance are in the same table as t."
     )
     missing = (f"There is no {name}: {reason}." for name, reason in found.statements.items())
     mark = stands.ours(TWO_WAY, *found.materials)
@@ -112,8 +112,9 @@ def _repeated(lines: Iterable[tuple[str, Repeated]]) -> Table:
         for task, line in lines
     ]  # fmt: skip
     note = (
-        "Participants with every material, and every task, count. P has the correction of Huynh and Feldt. In "
-        "SIMULATED studies of 4 to 40 participants, at a nominal 5 %, it erred in 3.7 % on average and 6.0 % at most."
+        "Only participants with every material in every task are included. P has the Huynh-Feldt correction. In "
+        "SIMULATED studies of 4 to 40 participants, it rejected a true null in 3.7 % on average and 6.0 % at most "
+        "(nominal: 5 %)."
     )
     return tabulate("Repeated measures: correct ratios, with participants as the unit", REPEATED, records, [note])
 
@@ -129,9 +130,9 @@ def _paired(pairs: Iterable[Paired]) -> Table:
     notes = [f"{_versus(one.first, one.second)}: {one.test.statement}." for one in pairs if one.test.statement]
     notes += sampled((_versus(one.first, one.second), one.flip) for one in pairs)
     notes.append(
-        "In SIMULATED studies, at a nominal 5 %, t erred in 4 to 6 %, and sign flips in 1 to 2 % with 6 "
-        "participants and in 3 to 5 % from 10 on. Where a share is below 0.1 or above 0.9, the interval allows for "
-        "participants unlike these, and can include 0 where the tests find a difference."
+        "In SIMULATED studies (nominal: 5 %), t rejected a true null in 4 to 6 %; sign flips did so in 1 to 2 % with 6 "
+        "participants and in 3 to 5 % with 10 or more. If a proportion is below 0.1 or above 0.9, the interval allows "
+        "for participants unlike these, so it can include 0 even when the tests find a difference."
     )
     return tabulate("Paired: mean correct ratios of participants who did both tasks", PAIRED, records, notes)
 
@@ -139,7 +140,7 @@ def _paired(pairs: Iterable[Paired]) -> Table:
 def sampled(flips: Iterable[tuple[str, SignFlip | None]]) -> list[str]:
     """Return which P of sign flips are from drawn signs, by the names of their tests."""
     return [
-        f"{name}: P of sign flips is from {DRAWS:,} drawn signs, with a standard error of {flip.error:.1g}."
+        f"{name}: P (sign flips) is from {DRAWS:,} random sign flips, with a standard error of {flip.error:.1g}."
         for name, flip in flips
         if flip and flip.error is not None
     ]
@@ -153,11 +154,11 @@ def _logit(found: SlopesLogit, kind: Record) -> Table:
     tests = "; ".join(f"{t.name}: F({t.df1}, {t.df2}) = {t.f:.2f}, {p_is(t.p)}" for t in found.terms)
     notes = (
         f"Wald tests: {tests}.",
-        f"The SDs of the log odds among participants are: {_named(found.sds)}.",
-        "In 60 SIMULATED studies of each size, from 6 to 40 participants, the tests erred in 0 to 12 %, at a nominal "
-        "5 %.",
+        f"SDs of the log odds across participants: {_named(found.sds)}.",
+        "In 60 SIMULATED studies of each size, from 6 to 40 participants, the tests rejected a true null in 0 to 12 % "
+        "(nominal: 5 %).",
     )
-    title = f"Logit in which {found.participants} participants differ in level, by material and by task"
+    title = f"Logit model in which {found.participants} participants vary in level, by material and by task"
     return tabulate(title, LOGIT, records, notes)
 
 
@@ -182,17 +183,17 @@ def equivalence_section(results: Results) -> Section:
         *(f"{why[0].upper()}{why[1:]}." for why in found.statements),
     )
     own = (
-        f"The margin is {MARGIN:g}, one answer in ten, by our choice, and the test is exploratory. Planned margins "
-        "stand with the planned tests."
+        f"palpate, not the protocol, sets this margin of {MARGIN:g} (one answer in ten), so the test is exploratory. "
+        "Margins that were planned are listed with the planned tests."
     )
     tasks = (
-        "Each participant's share of right answers in the first task less that in the second, of those who did both. "
-        f"P (Holm) is adjusted over the materials. {own}"
+        "Each participant's proportion correct in the first task minus that in the second, for participants who did "
+        f"both. P (Holm) is adjusted across the materials. {own}"
     )
     pairs = ABOUT["equivalence of pairs"].substitute(own=own)
     tables = (
-        _equivalent("The same in both tasks: right answers", "tasks", "presented", found.tasks, tasks),
-        _equivalent("Not told apart: pairs of materials", "task", "pair", found.pairs, pairs),
+        _equivalent("Equivalence of tasks: proportion correct", "tasks", "presented", found.tasks, tasks),
+        _equivalent("Indistinguishable pairs of materials", "task", "pair", found.pairs, pairs),
     )
     return Section("equivalence", "Equivalence", about, tuple(table for table in tables if table.rows))
 
@@ -201,7 +202,7 @@ def _equivalent(title: str, tasks: str, what: str, of: Iterable[Equivalent], not
     records = [{"tasks": one.tasks, "of": one.subject, **asdict(one.result), "p_holm": one.p_holm} for one in of]
     columns = (
         Column("tasks", tasks, show=lambda names: _versus(*names), left=True), Column("of", what, left=True),
-        Column("n"), Column("mean", "difference" if tasks == "tasks" else "told apart"), Column("sd", "SD"),
+        Column("n"), Column("mean", "difference" if tasks == "tasks" else "discrimination"), Column("sd", "SD"),
         Column(("low", "high"), "90 % CI"),
         Column("margin", show="{:g}".format),
         P, HOLM, Column("log_bf01", "BF01", show=bayes_factor),
@@ -213,22 +214,22 @@ def _about(found: Marginal) -> tuple[str, ...]:
     left_out = " and ".join(f"{material} in {task}" for task, material in found.left_out)
     return (
         ABOUT["contrasts"].substitute(participants=found.participants, sds=_named(found.sds)),
-        *(f"Without a limit, and left out, are the odds of {left_out}: all answers were right, or all wrong."
+        *(f"The odds of {left_out} are zero or infinite and omitted: all answers were right, or all wrong."
           for _ in found.left_out[:1]),
     )  # fmt: skip
 
 
 def _tables(found: Marginal) -> tuple[Table, ...]:
     means = [{"table": "mean", **asdict(one)} for one in found.means]
-    note = "Limits are those of Student's t on n - 1 degrees of freedom."
+    note = "Limits come from Student's t with n - 1 degrees of freedom."
     held = (
-        "In SIMULATED studies of 6 to 25 participants, at a nominal 5 %, one of these tests erred in {often}, least "
-        "often with 6. Odds ratio and its interval are not adjusted."
+        "In SIMULATED studies of 6 to 25 participants (nominal: 5 %), each test rejected a true null in {often}, least "
+        "often with 6. The odds ratio and its interval are not adjusted."
     )
-    pairs = "P (Holm) is adjusted over the pairs of one task. "
-    every = "P (Holm) is adjusted over all rows of this table. "
+    pairs = "P (Holm) is adjusted across the pairs within each task. "
+    every = "P (Holm) is adjusted across all rows of this table. "
     return (
-        tabulate("Marginal means of right answers", MEANS, means, [note]),
+        tabulate("Marginal means of proportion correct", MEANS, means, [note]),
         _contrasts("materials within a task", "task", found.materials, pairs + held.format(often=MATERIALS)),
         _contrasts("tasks within a material", "presented", found.tasks, every + held.format(often=TASKS)),
     )
@@ -253,10 +254,10 @@ def lapses_section(results: Results, materials: tuple[str, ...], remark: tuple[s
         records.append(_lapse(one.task, "lapse", "all", model.lapse, found.lapse))
         further = [_lapse(one.task, f"G2 on {model.df} df", "all", model.g2, None)]
         further += [_lapse(one.task, "known", f"participant {who}", known, None) for who, known in found.known.items()]
-        notes = [f"G² = {model.g2:.2f}, {model.df} df. It has no P, because participants differ."]
+        notes = [f"G² = {model.g2:.2f}, {model.df} df. There is no P, because participants differ."]
         if found.guessing:
             notes.append(
-                "Not shown to have known any trial, at 5 % and one-tailed, each taken alone: "
+                "Not shown to do better than guessing (one-tailed, 5 %, each tested alone): "
                 f"{', '.join(found.guessing)}."
             )
         title = f"{one.task}: biases and lapses"

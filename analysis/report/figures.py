@@ -185,7 +185,7 @@ def learning(axes: Axes, curves: Mapping[str, Sequence[Window]], chances: Mappin
             highs = [1.0 if limits.high is None else limits.high for _, limits in known]
             axes.fill_between(places, lows, highs, color=hue, alpha=0.2, linewidth=0)
     _ratios(axes, chances)
-    axes.set_xlabel("trial number, middle of the window")
+    axes.set_xlabel("trial number (middle of window)")
 
 
 def speed(axes: Axes, curves: Mapping[str, Sequence[SpeedBin]], chances: Mapping[str, float]) -> None:
@@ -205,7 +205,7 @@ def speed(axes: Axes, curves: Mapping[str, Sequence[SpeedBin]], chances: Mapping
             label=task,
         )
     _ratios(axes, chances)
-    axes.set_xlabel("speed of the foot (mm/s)")
+    axes.set_xlabel("foot speed (mm/s)")
 
 
 def onset_errors(axes: Axes, found: Mapping[str, OnsetErrors]) -> None:
@@ -255,7 +255,7 @@ def masker_levels(axes: Axes, found: Mapping[str, Sequence[MaskerLevels]]) -> No
         longest = max(map(len, shown_as))
         turned: Any = {"rotation": 90} if longest * len(order) > 40 else {}
         axes.set_xticks(range(len(order)), shown_as, **turned)
-    axes.set_xlabel("participant" if named else "participants, in order of their level")
+    axes.set_xlabel("participant" if named else "participants, in order of level")
     axes.set_ylabel("masker (dB(A))")
     drawing.key(axes)
 
@@ -306,11 +306,11 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
     figure, (axes,) = drawing.sheet([2.4], "Correct answers: mean ± SD" if titles else "", label, width)
     correct_ratios(axes, tasks)
     adjusted = [task.task.id for task in tasks if task.correction]
-    by = f"adjusted by Holm in {' and '.join(adjusted)}" if adjusted else "not adjusted"
+    by = f"Holm-adjusted in {' and '.join(adjusted)}" if adjusted else "not adjusted"
     said = (
-        f"Correct answer ratios of each material in {_people(tasks)}. Wider lines: more participants with "
-        "that ratio; pale bars are means, whiskers standard deviations among participants, and the dashed line is "
-        f"chance. *, ** and *** mark means above chance with P < 0.05, 0.01 and 0.001 (t, {by}).{bracketed(tasks)}"
+        f"Correct answer ratios of each material in {_people(tasks)}. Wider lines mean more participants with that "
+        "ratio. Pale bars are means; whiskers are standard deviations across participants. Dashed line: chance. *, "
+        f"** and *** mark means above chance with P < 0.05, 0.01 and 0.001 (t, {by}).{bracketed(tasks)}"
     )
     yield drawing.Sheet("correct-ratios", "answers", said, figure)
 
@@ -318,15 +318,15 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
     height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else min(0.32 * count + 1.4, drawing.PAGE_INCHES)
     for page, of in drawing.pages(tasks, height):
         figure, panels = drawing.sheet(
-            [height] * len(of), "Answer ratios: means among participants" if titles else "", label, width
+            [height] * len(of), "Answer ratios: means across participants" if titles else "", label, width
         )
         for axes, task in zip(panels, of, strict=True):
             confusion(axes, task, unanswered=unanswered)
             if len(tasks) == 1 and not titles:
                 axes.set_title("")
         said = (
-            f"Mean answer ratios in {_people(of)}, from 0 (white) to 1 (dark), ± the standard deviation among "
-            "participants where there is room."
+            f"Mean answer ratios in {_people(of)}, from 0 (white) to 1 (dark), ± the standard deviation across "
+            "participants where it fits."
         )
         yield drawing.Sheet(f"confusion{page}", "confusion", said, figure)
 
@@ -348,19 +348,17 @@ def _similarity(results: Results, label: str, *, titles: bool) -> Iterator[drawi
         if not all(named):
             drawing.key(panels[0])
         said = (
-            f"Map of the materials in {_people([task for task, _ in mapped])}: the closer two are, the more they were "
-            "taken for one another (classical scaling). It has no error bars."
+            f"Map of the materials in {_people([task for task, _ in mapped])}: the closer two are, the more often they "
+            "were confused (classical scaling). The map has no error bars."
         )
         yield drawing.Sheet(f"map{page}", "confusions", said, figure)
 
     if confusing := _confusing(results):
-        figure, (axes,) = drawing.sheet(
-            [2.5], "Confusing answers and dissimilarity of spectra" if titles else "", label
-        )
+        figure, (axes,) = drawing.sheet([2.5], "Confusions and dissimilarity of spectra" if titles else "", label)
         against_dissimilarity(axes, confusing, results.dissimilarities.source)
         said = (
-            f"Mean confusing answer ratios in {_people(tasks)} against the dissimilarity of the spectra, a point for "
-            "each ordered pair of materials, with Mantel's r and P. There are no error bars."
+            f"Mean confusion ratios in {_people(tasks)} against the dissimilarity of the spectra, with one point for "
+            "each ordered pair of materials, and Mantel's r and P. There are no error bars."
         )
         yield drawing.Sheet("dissimilarity", "confusions", said, figure)
 
@@ -379,13 +377,13 @@ def _participants(task: TaskResult, label: str, *, titles: bool) -> Iterator[dra
     shown = min(people, PAGES * PAGE)
     for page, first in enumerate(range(0, shown, PAGE), start=1):
         last = min(first + PAGE, shown)
-        title = f"{task.task.id}: participants {first + 1} to {last} of {people}, and their share of right answers"
+        title = f"{task.task.id}: participants {first + 1} to {last} of {people}, and their proportion correct"
         figure, (axes,) = drawing.sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title * titles, label)
         participants(axes, task, first, last)
         said = (
-            f"Answer ratios of each participant in {task.task.title}, {first + 1} to {last} (n = {people}), the "
-            f"darker the more often. Rows are the {count} materials presented and columns the answers, both in the "
-            "order of the tables; the share right is above."
+            f"Answer ratios of participants {first + 1} to {last} (n = {people}) in {task.task.title}: darker means "
+            f"more often. Rows are the {count} materials presented and columns are the answers, both in the order of "
+            "the tables; the proportion correct is above."
         )
         if shown < people:
             said += f" The first {shown} of {people} participants are drawn; counts.csv has all of them."
@@ -416,7 +414,7 @@ def contrast_sheet(
     """Return the figure of marginal means; `label` stands above it, and its own title if there are to be `titles`."""
     materials = list(dict.fromkeys(one.material for one in found.means))
     width = drawing.COLUMN_MM if len(materials) <= FEW else drawing.PAGE_MM
-    figure, (axes,) = drawing.sheet([2.4], "Marginal means of right answers" if titles else "", label, width)
+    figure, (axes,) = drawing.sheet([2.4], "Marginal means of proportion correct" if titles else "", label, width)
     for index, task in enumerate(tasks):
         of = [one for one in found.means if one.task == task]
         places = [materials.index(one.material) + 0.16 * (index - (len(tasks) - 1) / 2) for one in of]
@@ -438,14 +436,14 @@ def contrast_sheet(
     axes.set_yticks([value for share in SHARES if low <= (value := float(logit(share))) <= high])
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{expit(value):.3g}"))
     axes.set_ylim(low, high)
-    axes.set_ylabel("right answers (on the logit)")
+    axes.set_ylabel("proportion correct (logit scale)")
     drawing.name_below(axes, range(len(materials)), materials, (drawing.width_inches(axes) - 0.6) / len(materials))
     axes.set_xlim(-0.5, len(materials) - 0.5)
     drawing.key(axes)
     said = (
-        f"Marginal means of right answers of {found.participants} participants, on the logit, with their 95 % "
-        "intervals, of a participant in the middle. Dashed: chance. Where intervals of two materials or tasks overlap "
-        "they may differ all the same; the tables here test it."
+        f"Marginal means of proportion correct for a typical participant (n = {found.participants}), on the logit "
+        "scale, with 95 % intervals. Dashed: chance. Two materials or tasks can differ even if their intervals "
+        "overlap; the tables in this section test the differences."
     )
     return drawing.Sheet("marginal-means", "contrasts", said, figure)
 
@@ -456,36 +454,34 @@ def _course(results: Results, label: str, *, titles: bool) -> Iterator[drawing.S
     if found.learning:
         window = max(one.last - one.first + 1 for windows in found.learning.values() for one in windows)
         figure, (axes,) = drawing.sheet(
-            [2.3], f"Right answers, {plural(window, 'trial')} at a time" if titles else "", label
+            [2.3], f"Proportion correct, {plural(window, 'trial')} at a time" if titles else "", label
         )
         learning(axes, found.learning, chances)
         of = plural(window, "successive trial")
         said = (
-            f"Share of right answers in {of}, of all participants together ({_people(results.tasks)}). Bands are 95 % "
-            "intervals over participants, and the dashed line is chance."
+            f"Proportion correct in {of}, all participants together ({_people(results.tasks)}). Bands are 95 % "
+            "intervals across participants, and the dashed line is chance."
         )
         yield drawing.Sheet("learning", "course", said, figure)
     if found.speed:
-        figure, (axes,) = drawing.sheet([2.3], "Right answers by the speed of the foot" if titles else "", label)
+        figure, (axes,) = drawing.sheet([2.3], "Proportion correct by foot speed" if titles else "", label)
         speed(axes, found.speed, chances)
         said = (
-            f"Share of right answers by the speed of the foot, of all participants together ({_people(results.tasks)}"
-            "). Whiskers are Wilson's 95 % intervals, which take trials as independent, and the dashed line is chance."
+            f"Proportion correct by foot speed, all participants together ({_people(results.tasks)}"
+            "). Whiskers are Wilson's 95 % intervals, which treat trials as independent, and the dashed line is chance."
         )
         yield drawing.Sheet("speed", "course", said, figure)
     if found.onsets:
-        figure, (axes,) = drawing.sheet([2.3], "Onset of the stimulus, measured at the panel" if titles else "", label)
+        figure, (axes,) = drawing.sheet([2.3], "Stimulus onset, measured at the panel" if titles else "", label)
         onset_errors(axes, found.onsets)
         trials = " and ".join(f"{task} ({plural(len(one.errors_ms), 'trial')})" for task, one in found.onsets.items())
-        said = (
-            f"Measured onset of the stimulus minus contact of the foot in {trials}; the key has means ± SD over trials."
-        )
+        said = f"Measured stimulus onset minus foot contact in {trials}; the key shows means ± SD across trials."
         yield drawing.Sheet("onset-errors", "course", said, figure)
     if found.masker:
-        figure, (axes,) = drawing.sheet([2.3], "Masker of each participant" if titles else "", label)
+        figure, (axes,) = drawing.sheet([2.3], "Masker level of each participant" if titles else "", label)
         masker_levels(axes, found.masker)
         people = " and ".join(f"{task} (n = {len(levels)})" for task, levels in found.masker.items())
         said = (
-            f"Level of the masker in {people}: medians of a participant's trials, and whiskers to lowest and highest."
+            f"Masker level in {people}: the median of each participant's trials; whiskers show the lowest and highest."
         )
         yield drawing.Sheet("masker", "course", said, figure)

@@ -44,13 +44,13 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     paragraphs += [" ".join(_differences(results, level))] * bool(list(_differences(results, level)))
     tested = [(task, test) for task in results.tasks for test in task.tests]
     adjusted = {task.correction is not None for task in results.tasks}
-    how = {True: "adjusted by Holm", False: "not adjusted"}
-    said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
+    how = {True: "Holm-adjusted", False: "not adjusted"}
+    said = how[adjusted.pop()] if len(adjusted) == 1 else "Holm-adjusted if the protocol plans it"
     alone = any(test.result.n == 1 for _, test in tested)
-    single = " Of one participant they are Clopper and Pearson's, of that participant's trials." if alone else ""
+    single = " With one participant, they are Clopper-Pearson intervals across trials." if alone else ""
     notes = (
-        f"Correct answer ratios with intervals over participants.{single} P is of t against chance, {said}, and "
-        f"that of exact sign flips. Stars follow P of t.{bracketed(results.tasks)}",
+        f"Correct answer ratios with intervals across participants.{single} P is from the t-test against chance, "
+        f"{said}, and from exact sign-flip tests. Stars follow the t-test.{bracketed(results.tasks)}",
     )
     mark = ", ".join(dict.fromkeys(stands.of_any(CHANCE, task.task.id) for task in results.tasks))
     records = [_record(task, test) for task, test in tested]
@@ -94,14 +94,14 @@ def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
     yield from _tested(task, level)
     yield from _untested(task, level)
     if (least := _least(task)) >= level:
-        yield (f"Exact sign flips cannot show it: with so few who differ from chance, their P is at least {least:.3g}.")
+        yield f"Sign flips cannot show this: so few participants differ from chance that P cannot be below {least:.3g}."
     if len(pairs := task.confusion.most_confused()) == 1:
-        yield f"Most often taken for one another were {joined(pairs[0])}."
+        yield f"The most confused pair was {joined(pairs[0])}."
     elif pairs:
-        yield f"{len(pairs)} pairs were taken for one another most often, and equally often; none is most."
+        yield f"{len(pairs)} pairs tie as the most often confused."
     if one.jackknife and one.information:
         bits, limits = one.jackknife, interval(one.jackknife, 2)
-        yield f"Answers transmitted {bits.value:.2f} of {one.information.presented:.2f} bits a trial ({limits})."
+        yield f"Answers transmitted {bits.value:.2f} of {one.information.presented:.2f} bits per trial ({limits})."
 
 
 def _tested(task: TaskResult, level: float) -> Iterator[str]:
@@ -112,21 +112,22 @@ def _tested(task: TaskResult, level: float) -> Iterator[str]:
             by_t = task.shows_above(test, test.p_holm if task.correction else test.result.p, level)
             by_flips = task.shows_above(test, task.flip(test), level) if test.flip or not by_t else None
             groups.setdefault((by_t, by_flips), []).append(test)
-    flips = "" if _least(task) >= level else "; exact sign flips do not show it"
+    flips = "" if _least(task) >= level else "; exact sign-flip tests do not show this"
     said = {
         (True, True): ("Answers were {} for {}.", ""),
-        (True, False): (f"By t alone answers were {{}} for {{}}{flips}.", f"By t alone this is so for {{}}{flips}."),
-        (True, None): ("By t answers were {} for {}; exact sign flips are not defined for it.",
-                       "By t this is so for {}; exact sign flips are not defined for it."),
-        (False, True): ("By exact sign flips alone answers were {} for {}; t does not show it.",
-                        "By exact sign flips alone this is so for {}; t does not show it."),
+        (True, False): (f"According to the t-test alone, answers were {{}} for {{}}{flips}.",
+                        f"According to the t-test alone, this was so for {{}}{flips}."),
+        (True, None): ("According to the t-test, answers were {} for {}; exact sign-flip tests are not defined here.",
+                       "According to the t-test, this was so for {}; exact sign-flip tests are not defined here."),
+        (False, True): ("According to exact sign-flip tests (not the t-test), answers were {} for {}.",
+                        "According to exact sign-flip tests (not the t-test), this was so for {}."),
         (False, False): ("Answers were not shown to be {}: {}.", "This was not shown for {}."),
     }  # fmt: skip
     first = True
     for which, (whole, short) in said.items():
         if which in groups:
             listed = _listed(groups[which])
-            how = f"right more often than by chance ({task.chance:.4g})"
+            how = f"correct more often than expected by chance ({task.chance:.4g})"
             yield whole.format(how, listed) if first or not short else short.format(listed)
             first = False
 
@@ -143,13 +144,13 @@ def _untested(task: TaskResult, level: float) -> Iterator[str]:
     if not found:
         return
     alone = all(test.result.n == 1 for test in found)
-    why = "one participant has no spread" if alone else "the ratios of all participants are the same"
-    yield f"Ratios of right answers: {_listed(found)}; chance is {task.chance:.4g}. t has no P, because {why}."
+    why = "one participant gives no variance" if alone else "the ratios of all participants are the same"
+    yield f"Correct answer ratios: {_listed(found)}; chance is {task.chance:.4g}. The t-test has no P, because {why}."
     shown = [test for test in found if task.shows_above(test, task.flip(test), level)]
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
         names = "all of them" if len(shown) == len(found) > 1 else joined([test.material for test in shown])
-        yield f"Exact sign flips show more right answers than by chance for {names} ({p_at_most(most)})."
+        yield f"Exact sign-flip tests show answers above chance for {names} ({p_at_most(most)})."
 
 
 def _listed(tests: Sequence[MaterialTest]) -> str:
@@ -170,18 +171,18 @@ def _differences(results: Results, level: float) -> Iterator[str]:
         mean, p = one.test.mean, one.test.p
         if mean is not None and p is not None:
             yield (
-                f"Over the {one.test.n} who did both: {one.first} less {one.second} is {mean:.3f} "
+                f"For the {one.test.n} participants who did both tasks, {one.first} minus {one.second} is {mean:.3f} "
                 f"(95 % CI {interval(one.interval)}; t({one.test.df}) = {one.test.t:.2f}, {p_is(p)}; sign flips, "
                 f"{p_is(one.flip.p)})."
             )
             if one.flip.least >= level:
-                yield f"With so few participants who differ, P of sign flips is at least {one.flip.least:.3g}."
+                yield f"So few participants differ that the sign-flip P cannot be below {one.flip.least:.3g}."
     told = []
     for task, lines in results.beside.materials.items():
         (line,) = lines
         if line.f is not None and line.p is not None:
             differ = "differ" if line.p < level else "are not shown to differ"
             test = f"F({line.df1}, {line.df2}) = {line.f:.2f}, {p_is(line.p)}"
-            told.append(f"the materials of {task} {differ} ({test})")
+            told.append(f"the materials in {task} {differ} ({test})")
     if told:
         yield f"Repeated measures: {joined(told)}."

@@ -8,24 +8,24 @@ from palpate.analysis.reading.study import Study
 from palpate.experiment.synthesis.noticing import THIRDS_HZ
 
 UNHEARD = (
-    "Nothing measured what reached the panel, for the rig has no loopback: a stimulus could count as undelivered only "
-    "where its own stream knew of a fault."
+    "The rig has no loopback, so nothing measured what reached the panel. A stimulus counts as undelivered only if "
+    "its audio stream reported a fault."
 )
 
 UNLISTENED = (
-    "No table compares what was sent with what was heard: this dataset has no such comparison. One has it where the "
-    "rig's panel was measured and its accelerometer stays on it."
+    "This dataset has no comparison of sent and measured vibration. A dataset has one if the rig's panel was measured "
+    "and its accelerometer stays on it."
 )
 
 LEAST_SHARE = 1e-3
 """A third octave with less of the energy sent than this does not count."""
 
 NOTE = (
-    "Sent is the movement that the panel, by its measured response, makes of the samples; heard is all that its "
-    "accelerometer heard around it, the impact of foot or hand included, of the last stimulus of an attempt. Each is "
-    "the median, then the worst. Peak: heard by sent. Third octaves: of each stimulus the one farthest off, of those "
-    f"from 10 to 500 Hz with {LEAST_SHARE:.1%} or more of the energy sent, in magnitude, and where the worst is. "
-    "Delay: until what was sent was heard, latencies of both ports included."
+    '"Sent" is the panel\'s movement, computed from the samples and the panel\'s measured response. "Heard" is '
+    "all that its accelerometer measured around an attempt's last stimulus, including the impact of foot or hand. "
+    "Each pair of columns shows the median, then the worst. Peak: ratio of heard to sent. Third octaves: the "
+    f"largest deviation in each stimulus, among those from 10 to 500 Hz with {LEAST_SHARE:.1%} or more of the energy "
+    "sent, and the frequency of the worst. Delay: from sent to heard, including the latencies of both ports."
 )
 
 
@@ -39,7 +39,7 @@ def heard_tables(study: Study, attempts: pd.DataFrame) -> tuple[Table, ...]:
         for material in study.materials
         if not (rows := known[(known["task"] == task.id) & (known["heard_of"] == material)]).empty
     ]
-    title = f"Heard by an accelerometer beside what was sent, in {len(known)} of {len(attempts)} attempts"
+    title = f"Vibration measured by an accelerometer and vibration sent, in {len(known)} of {len(attempts)} attempts"
     return (tabulate(title, HEARD, records, (NOTE,)),) if records else ()
 
 

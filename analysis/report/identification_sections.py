@@ -36,8 +36,8 @@ from palpate.analysis.statistics.participants import Jackknife
 from palpate.analysis.statistics.shares import Limits
 
 ARBITRARY = (
-    "In a reconstruction it is arbitrary which rows form one participant. Values by participant, and intervals that "
-    "draw whole participants, hold for one way of joining the rows."
+    "In a reconstruction, the assignment of rows to participants is arbitrary. Values for each participant, and "
+    "intervals that resample participants, are valid only for this assignment."
 )
 
 
@@ -45,7 +45,7 @@ INTERVALS = (
     Column("presented", left=True), Column("answered", left=True), Column(("count", "trials"), "count", show=count_of),
     Column("ratio"), Column(("wilson_low", "wilson_high"), "Wilson"),
     Column(("clopper_pearson_low", "clopper_pearson_high"), "Clopper-Pearson"),
-    Column(("low", "high"), "over participants", show=lambda *limits: bounds(Limits(*limits))),
+    Column(("low", "high"), "across participants", show=lambda *limits: bounds(Limits(*limits))),
     Column(("any_low", "any_high"), "any population", show=lambda *limits: bounds(Limits(*limits))),
 )  # fmt: skip
 
@@ -63,7 +63,7 @@ def intervals_section(results: Results) -> Section:
         ]  # fmt: skip
         missing = {cell.statement: cell for cell in found.cells[::-1] if cell.statement}
         notes = [
-            f"Some have no interval over participants, such as {cell.presented} answered as {cell.answered}: {why}."
+            f"Some have no interval across participants, such as {cell.presented} answered as {cell.answered}: {why}."
             for why, cell in missing.items()
         ]
         tables.append(tabulate(task.task.title, INTERVALS, records, notes))
@@ -86,7 +86,7 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
         _mantel(found, results.dissimilarities.source),
     )
     names = {
-        "information": "The information", "information interval": "The interval of the information", "d'": "The d'",
+        "information": "The information", "information interval": "The interval for the information", "d'": "The d'",
         "choice": "The similarity-choice model", "lapses": "The bias and lapse model", "scaling": "The map",
         "mantel": "Mantel's test",
     }  # fmt: skip
@@ -121,11 +121,11 @@ def _information(found: tuple[Identification, ...], quantities: Mapping[str, lis
         records.append({"task": one.task, "trials": bits.trials, **missing, **of_all})
         if max(bits.miller_madow, bits.panzeri_treves) > bits.presented:
             notes.append(
-                f"{one.task}: a corrected value is above the bits presented, although no more can be transmitted; the "
-                "correction turns upwards where each material gets few different answers."
+                f"{one.task}: a corrected value is above the bits presented, which is impossible; the correction "
+                "overshoots when each material receives few different answers."
             )
         if min(bits.miller_madow, bits.panzeri_treves) < 0:
-            notes.append(f"{one.task}: a corrected value is below 0, although no less can be transmitted.")
+            notes.append(f"{one.task}: a corrected value is below 0, which is impossible.")
     return tabulate("Information, bits a trial", INFORMATION, records, notes)
 
 
@@ -157,7 +157,7 @@ def _detection(found: tuple[Identification, ...]) -> Table:
         if d.statement:
             notes.append(f"{one.task}: {d.statement}.")
         if d.moved:
-            notes.append(f"{one.task}: a share of 0 or 1 was moved in by half a trial for {', '.join(d.moved)}.")
+            notes.append(f"{one.task}: proportions of 0 or 1 were moved inward by half a trial: {', '.join(d.moved)}.")
     notes.append("This d' of m-alternative identification assumes unbiased answers and equally spaced materials.")
     return tabulate("d'", DETECTION, records, notes)
 
@@ -203,13 +203,13 @@ def _choice(task: str, fitted: ChoiceIntervals, materials: tuple[str, ...]) -> T
         Column("bias", show=_shown),
     )
     tested = f"G² = {model.g2:.2f}, {model.df} df{f'; {misfit_words(fitted.misfit)}' if fitted.misfit else ''}"
-    bracketed = f" Brackets hold 95 % percentile intervals from {CHOICE_RESAMPLES} resamples of participants."
+    bracketed = f" Brackets show 95 % percentile intervals from {CHOICE_RESAMPLES} resamples of participants."
     resampled = fitted.similarities is not None or fitted.biases is not None
-    notes = [f"The fit has {tested}.{bracketed * resampled} Trials without an answer are left out."]
+    notes = [f"Test of the fit: {tested}.{bracketed * resampled} Trials without an answer are left out."]
     if fitted.statement:
         notes.append(f"{fitted.statement}." if resampled else f"There are no intervals: {fitted.statement}.")
     if model.biases is None:
-        notes.append("The biases are not defined: some groups of materials were never taken for one another.")
+        notes.append("The biases are not defined, because some groups of materials were never confused.")
     return tabulate(f"{task}: similarity-choice model, similarities and biases", columns, records, notes)
 
 
@@ -227,8 +227,8 @@ def _scaling(found: tuple[Identification, ...]) -> Table:
         if one.scaling
     ]
     notes = (
-        "The map is the classical scaling of 1 - (p_ij + p_ji) / (p_ii + p_jj). The columns give the share of the "
-        "positive eigenvalues on the two axes, and the share of all eigenvalues that is negative.",
+        "The map is the classical scaling of 1 - (p_ij + p_ji) / (p_ii + p_jj). The columns give the two axes' "
+        "share of the positive eigenvalues, and the negative eigenvalues' share of all eigenvalues.",
     )
     return tabulate("Map of the materials", SCALING, records, notes)
 
@@ -291,14 +291,14 @@ def trials_section(results: Results) -> Section:
     """Return both models of single trials, one below the other."""
     found = results.trials
     paragraphs = (
-        "These models predict whether each single answer was right, and allow for trials of one participant, in any "
-        "task, being alike. Each odds ratio is that of the step that its term names.",
+        "These models predict whether each answer was right. They allow for correlation among one participant's "
+        "trials across tasks. Each odds ratio is for the change that its term names.",
         *(f"The models do not use the term '{name}': {why}." for name, why in found.absent.items()),
         *_left_out(found),
         *(f"The {name} could not be fitted: {why}." for name, why in found.statements.items()),
     )
     models = (
-        ("GEE logit", "", "correlation within a participant", found.gee),
+        ("GEE logit", "", "within-participant correlation", found.gee),
         ("mixed logit", ", with a random intercept for each participant", "SD of the random intercepts", found.mixed),
     )
     tables = tuple(
@@ -313,21 +313,21 @@ def _left_out(found: TrialLevel) -> list[str]:
     if not found.left_out:
         return []
     by_task = ", ".join(f"{count} in {task}" for task, count in found.left_out.items())
-    who = f"; no trial is left of the participants {', '.join(found.gone)}" if found.gone else ""
+    who = f"; no trials remain for participants {', '.join(found.gone)}" if found.gone else ""
     trials = plural(sum(found.left_out.values()), "trial")
-    return [f"The models leave out {trials} that lack one of the values used ({by_task}){who}."]
+    return [f"The models leave out {trials} that lack at least one of the values used ({by_task}){who}."]
 
 
 GEE = (
-    "The {spread} is {value:.3f}. The standard errors are those of Kauermann and Carroll. F is after Hotelling, "
-    "and erred in 4 to 6 % of SIMULATED studies of 6 to 25 participants, at a nominal 5 %; taken as chi-squared, tests "
-    "of four materials erred in 19 to 20 % with 10."
+    "The {spread} is {value:.3f}. The standard errors are Kauermann and Carroll's. F is Hotelling's. It rejected a "
+    "true null in 4 to 6 % of SIMULATED studies of 6 to 25 participants (nominal: 5 %). Treated as chi-squared, "
+    "tests of four materials did so in 19 to 20 % with 10 participants."
 )
 MIXED = (
-    "The {spread} is {value:.2f}. The fit is by maximum likelihood. These are the odds of one participant; the more "
-    "participants differ, the further they are from 1 than those of the population. The P of material and task hold "
-    "only if participants differ in level alone: where they differed by material and task, they erred in 25 to 47 % of "
-    "SIMULATED studies, at a nominal 5 %. The logit beside the analysis of variance allows for that."
+    "The {spread} is {value:.2f}. The fit is by maximum likelihood. The odds are those of one participant. The more "
+    "participants differ, the farther these are from 1 than the population's odds. P for material and task is valid "
+    "only if participants differ only in level: when they also differed by material and task, these tests rejected "
+    "a true null in 25 to 47 % of SIMULATED studies (nominal: 5 %). The logit model with the ANOVA allows for that."
 )
 ODDS = (
     Column("term", left=True), Column("log_odds", "odds ratio", show=lambda odds: number(math.exp(odds), 2)),
@@ -411,7 +411,7 @@ def _learning_table(found: TimeCourse) -> Table:
         ]  # fmt: skip
         every += records
         shown += [records[place] for place in sorted({0, len(windows) // 2, len(windows) - 1})]
-    title = "Right answers in the first, the middle and the last run of trials"
+    title = "Proportion correct in the first, the middle and the last run of trials"
     return replace(tabulate(title, RUNS, shown), records=without_keys(every, {"right"}))
 
 
@@ -422,7 +422,7 @@ def _speed_table(found: TimeCourse) -> Table:
          **ends(one.interval)}
         for task, bins in found.speed.items() for one in bins
     ]  # fmt: skip
-    return tabulate("Right answers by the speed of the foot", SPEEDS, records, in_print={"mean_mm_s", "right"})
+    return tabulate("Proportion correct by foot speed", SPEEDS, records, in_print={"mean_mm_s", "right"})
 
 
 def _onsets(found: TimeCourse) -> Table:
@@ -432,7 +432,7 @@ def _onsets(found: TimeCourse) -> Table:
         for task, one in found.onsets.items()
     ]  # fmt: skip
     notes = [
-        f"In {task} the stimulus was to begin {ms:g} ms before contact: {-ms:g} ms is on time there."
+        f"In {task}, the stimulus was planned to begin {ms:g} ms before contact, so {-ms:g} ms is on time."
         for task, ms in found.ahead_ms.items()
     ]
     return tabulate("Measured onset minus contact", ONSETS, records, notes, in_print={"largest_ms"})
@@ -445,8 +445,8 @@ def _timing(found: TimeCourse) -> Table:
         for task, quantities in found.timing.items() for one in quantities
     ]  # fmt: skip
     notes = (
-        "All attempts count, including those that were repeated. p99, p99.9 and largest are magnitudes in ms; - means "
-        "that there are too few attempts for a percentile.",
+        "All attempts count, including repeated ones. p99, p99.9 and largest are magnitudes in ms; - means that there "
+        "are too few attempts for a percentile.",
     )
     return tabulate("Timing", TIMING, records, notes, in_print={"of"})
 
@@ -462,5 +462,5 @@ def _masker(found: TimeCourse) -> Table:
          "low": min(one.low_db_a for one in levels), "high": max(one.high_db_a for one in levels)}
         for task, levels in found.masker.items()
     ]  # fmt: skip
-    notes = ("The table gives the median of the participants' medians, and the lowest and highest level of any trial.",)
+    notes = ("The table shows the median of the participants' medians, and the lowest and highest level in any trial.",)
     return replace(tabulate("Masker, dB(A)", MASKER, by_task, notes), records=tuple(records))

@@ -180,7 +180,7 @@ def overview(
     """
     records = [{**row, **_counts(study, row["task"])} for row in rows]
     planned = any(record["participants_planned"] is not None for record in records)
-    notes = ("Analysed, of those planned.",) * planned
+    notes = ("Analyzed, of those planned.",) * planned
     tables = [tabulate("Participants and trials", TASKS, records, notes, standing=DESCRIPTIVE)]
     brief = list(tables)
     if tests := list(_tests(study, done, estimates)):
@@ -212,7 +212,7 @@ def _source(study: Study) -> list[str]:
     """Return a sentence on where the plan stands and whether it was sealed, for each part that holds one."""
     known = [part for part in study.parts if part.protocol is not None]
     if not known and len(study.parts) == 1:
-        return ["What was planned is not known: the dataset holds no protocol."]
+        return ["The plan is unknown, because the dataset has no protocol."]
     several, told = len(study.parts) > 1, []
     for part in known:
         file = part.versions[-1].file if part.versions else "protocol.toml"
@@ -226,7 +226,7 @@ def _tests(study: Study, done: Callable[[PlannedTest], str], estimates: Containe
         for plan in part.protocol.analysis if part.protocol else ():
             found.setdefault(plan.model_dump_json(), (plan, []))[1].append(part.name)
     for plan, parts in found.values():
-        where = f" ({', '.join(parts)} alone)" if len(parts) < len(study.parts) else ""
+        where = f" ({', '.join(parts)} only)" if len(parts) < len(study.parts) else ""
         yield {
             "test": plan.test, "tasks": ", ".join(plan.tasks) + where,
             "alpha": None if plan.test in estimates else f"{plan.alpha:g}",
@@ -250,11 +250,11 @@ def done_of(results: Results, plan: PlannedTest) -> str:
             return f"run: {_outcome(results.two_way[1], 'tasks, type II, ')}"
         case "ICC":
             if results.components is not None and (value := results.components.by_k[0][2]) is not None:
-                return f"run: variance-component ICC {number(value)}; every form stands in its table"
+                return f"run: variance-component ICC {number(value)}; its table lists every form"
             if any(one.icc for one in results.reliabilities):
-                return "run: every form stands in its table"
+                return "run: its table lists every form"
             return "not run: no ICC is defined"
-    return "not run: the trials are no comparisons"
+    return "not run: the trials are not comparisons of two stimuli"
 
 
 def _shown_of(planned: Planned) -> str:
@@ -266,14 +266,14 @@ def _shown_of(planned: Planned) -> str:
 
 def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
     if found is None:
-        return f"{task} not run: no trial"
+        return f"{task} not run: no trials"
     tested = [test for test in found.tests if test.result.p is not None]
     above = sum(found.shows_above(test, test.p_holm if found.correction else test.result.p, level) for test in tested)
     flips = sum(found.shows_above(test, found.flip(test), level) for test in found.tests)
     missing = [test for test in found.tests if test.result.p is None]
     why = f", not defined for {', '.join(test.material for test in missing)}" if missing and tested else ""
-    of = f"{above} of {len(found.tests)} materials shown above chance" if tested else "t is defined for no material"
-    by_flips = f"{flips} by exact sign flips" if tested else f"{flips} shown above chance by exact sign flips"
+    of = f"{above} of {len(found.tests)} materials shown above chance" if tested else "the t-test is not defined"
+    by_flips = f"{flips} by exact sign-flip tests" if tested else f"{flips} shown above chance by exact sign-flip tests"
     ours = f", and {by_flips}" if any(test.flip for test in found.tests) else ""
     return f"{task} run: {of}{ours}{why}"
 
@@ -286,10 +286,10 @@ def _one_way(task: str, plan: PlannedTest, results: Results) -> str:
     if asked is not None:
         return f"{task} run: {_outcome(asked.anova)}"
     tested, outcome = " and ".join(found[0].pair), _outcome(found[0].anova)
-    return f"{task} run of {tested}, which were confused most, and which the plan does not name: {outcome}"
+    return f"{task} run for {tested}, the most confused pair (not the planned one): {outcome}"
 
 
-NEVER = "no two materials that it presents were taken for one another more often than any others"
+NEVER = "no single pair of its materials was confused most often"
 """Why a task has no one-way ANOVA."""
 
 NONE_OF_TWO_WAY = "two-way, all types"
@@ -330,9 +330,9 @@ def exclusions_section(study: Study) -> Section:
     records = tuple({**asdict(one), "participant": f"sub-{one.participant}"} for one in study.exclusions)
     count = len(study.attempts) - int(study.attempts["included"].sum())
     about = (
-        f"{count} of {len(study.attempts)} attempts are not analysed."
+        f"{count} of {len(study.attempts)} attempts are excluded from the analysis."
         if records
-        else "No attempts were excluded: every attempt in the dataset is analysed."
+        else "No attempts were excluded: every attempt in the dataset is analyzed."
     )
     by_rule = _by_rule(study)
     brief = replace(tabulate("Rules", RULES, by_rule), records=())
@@ -365,7 +365,7 @@ def _by_rule(study: Study) -> list[Record]:
         for rule in rules.values()
     ]  # fmt: skip
     whole = {one.rule for one in study.exclusions if one.trial is None}
-    named = {AGAIN: "attempt was done again", "no data": "no events in the dataset", "withdrawn": "withdrew"}
+    named = {AGAIN: "attempt was repeated", "no data": "no events in the dataset", "withdrawn": "withdrew"}
     records += [
         {"rule": rule, "count": count, "action": "participant" if rule in whole else "attempt",
          "when": named.get(rule, "-")}
@@ -382,6 +382,6 @@ def _unasked(study: Study) -> list[str]:
         counts[one.rule, one.missing, one.task] += one.trials
     return [
         f"The rule {rule} could not be applied to {trials} of {totals[task]} trials of {task}, because they have no "
-        f"record of {missing}; they stay in the analysis."
+        f"record of {missing}; these trials stay in the analysis."
         for (rule, missing, task), trials in counts.items()
     ]

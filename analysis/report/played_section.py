@@ -16,12 +16,13 @@ LITTLE = 5e-6
 MUCH = 0.01
 """What was changed besides is told from this share on."""
 
-PRACTISED = " The rig is simulated, and practice is not refused for it; sessions of a study are, by left_out_max."
+PRACTICED = " This rig is simulated, so practice is allowed, but study sessions that exceed left_out_max are not."
 
 ABOUT = (
-    "What the actuator was handed is held against what equations (1) to (5) ask for, in every attempt of the "
-    "participants analysed; error and left out are medians, in percent of the rms asked for. Of a panel that takes "
-    "volts it is assumed that it answers each frequency alone, with a real gain; phase is ignored."
+    "This section compares the signal sent to the actuator with the signal that equations (1) to (5) request, in "
+    'every attempt of the participants analyzed. "Error" and "left out" are medians, as a percentage of the '
+    "requested rms. A panel driven in volts is assumed to respond to each frequency separately, with a real gain; "
+    "phase is ignored."
 )
 
 
@@ -43,7 +44,7 @@ def played_sections(study: Study) -> tuple[Section, ...]:
             "What was played",
             (
                 ABOUT,
-                *(left_out(study) or ("The rig carried all that was asked for.",)),
+                *(left_out(study) or ("The rig delivered the whole requested signal.",)),
                 *([UNHEARD] if known["delivered"].isna().all() else ()),
                 *(() if heard else (UNLISTENED,)),
             ),
@@ -62,16 +63,16 @@ def left_out(study: Study) -> tuple[str, ...]:
     speed = "" if pd.isna(most["foot_speed_mm_s"]) else f" at {most['foot_speed_mm_s']:.0f} mm/s"
     changed = (known["stimulus_error"] ** 2 - known["left_out"] ** 2).clip(lower=0.0).max() ** 0.5
     told = [
-        f"The rig did not carry all that was asked for: up to {_percent(most['left_out'])} % of a vibration (rms) was "
-        f"left out, of {most['presented']}{speed}."
+        f"The rig could not deliver the whole requested signal: up to {_percent(most['left_out'])} % of a vibration "
+        f"(rms) was left out, for {most['presented']}{speed}."
     ] * less
     if changed >= MUCH:
         what = "The limits of panel and amplifier, and the response table"
         off = _percent(known["stimulus_error"].max())
-        told.append(f"{what}, changed up to {_percent(changed)} %; in all, a vibration was off by up to {off} %.")
-    about = "Participants felt what was played, and their answers are about that."
-    practised = PRACTISED * (less and study.origin == "PRACTICE")
-    return (" ".join([*told, about]) + practised,) if told else ()
+        told.append(f"{what}, changed up to {_percent(changed)} % of a vibration; the total error was up to {off} %.")
+    about = "Participants felt the vibration as played, and their answers refer to that."
+    practiced = PRACTICED * (less and study.origin == "PRACTICE")
+    return (" ".join([*told, about]) + practiced,) if told else ()
 
 
 def _known(study: Study) -> pd.DataFrame:
@@ -85,10 +86,10 @@ def _methods(known: pd.DataFrame) -> str:
     off = float(known["stimulus_error"].max())
     often = f"{noticed_where_alike(off, SOLE) * 100:.0f} %"
     return (
-        f"How the samples were made: {told}. By a model (`palpate plan` has its sources), a person notices the largest "
-        f"error, {_percent(off)} %, in up to {often} of comparisons, if it is alike in all third octaves. "
-        "Dissimilarity is in m/s^2, equation (6), the median and the most. When stimuli sounded stands under Course of "
-        "the tasks."
+        f"How the samples were made: {told}. According to a model (`palpate plan` has its sources), a person notices "
+        f"the largest error, {_percent(off)} %, in up to {often} of comparisons if it is the same in all third "
+        "octaves. Dissimilarity follows equation (6), in m/s^2; the columns give the median and the largest. "
+        'Stimulus onsets are in the section "Course of the tasks".'
     )
 
 

@@ -16,7 +16,7 @@ from palpate.analysis.report.answers import left_and_sure
 from palpate.analysis.report.plan import EXPLORATORY
 from palpate.experiment.records import software
 
-CITED = "Braces have the file in the folder `tables`, and its line; line 1 has the headings."
+CITED = "Braces give the file in the folder `tables` and the line in it; line 1 contains the headings."
 
 
 @dataclass(frozen=True)
@@ -56,20 +56,20 @@ def _methods(study: Study, rows: Sections) -> Iterator[str]:
         chance = f", chance {bounded(one['chance'])}" if one.get("chance") is not None else ""
         silent = f", {one['without_answer']} without an answer" if one["without_answer"] else ""
         people, trials = plural(one["participants"], "participant"), plural(one["trials"], "trial")
-        yield f"In {one['title']}, {people} did {trials}{chance}{silent} {row}."
+        yield f"In {one['title']}, {people} completed {trials}{chance}{silent} {row}."
     yield from _touched(rows.get("touched", ()))
     yield left_and_sure(study, "The command palpate verify")
     for plan in dict.fromkeys(study.plans()):
-        holm = "" if plan.correction is None else f", p by Holm over the {plan.correction}"
+        holm = "" if plan.correction is None else f", p Holm-adjusted across the {plan.correction}"
         yield f"Planned: {plan.test} of {joined(plan.tasks)} (alpha = {bounded(plan.alpha)}{holm})."
     if "intervals" in rows:
         yield (
-            "Intervals of shares are those of a beta-binomial distribution over participants, with Jeffreys's prior of "
-            "the mean and a flat one of the correlation, widened to hold for participants who are alike or very unlike"
-            "; where somebody guessed among good others, Gaffke's with half a participant added; and of a single "
-            "participant, Clopper and Pearson's."
+            "Confidence intervals for proportions come from a beta-binomial distribution across participants, with "
+            "a Jeffreys prior for the mean and a flat prior for the correlation. They were widened to be valid if "
+            "participants are alike or very different. If one guessed and the others did well, the interval is "
+            "Gaffke's with half a participant added; for a single participant, it is Clopper and Pearson's."
         )
-    yield f"palpate {software.this().version} made all analyses."
+    yield f"All analyses used palpate {software.this().version}."
 
 
 def _touched(rows: Sequence[Row]) -> Iterator[str]:
@@ -80,7 +80,7 @@ def _touched(rows: Sequence[Row]) -> Iterator[str]:
         stated = one["value"] if one.get("value") else f"{one['mean']:g} {one['unit']}"
         parts.append(f"{one['of']} {stated} {row}")
     if parts:
-        yield f"Of the apparatus: {'; '.join(parts)}."
+        yield f"Apparatus: {'; '.join(parts)}."
     for row in (row for row in rows if row.record["quantity"] == "number"):
         one = row.record
         unit, spread = f" {one['unit']}" if one["unit"] else "", "" if one["sd"] is None else f", SD = {one['sd']:.2f}"
@@ -124,7 +124,7 @@ def _lacking(rows: Sections, test: str, tasks: Sequence[str]) -> Iterator[str]:
         if slug == "planned" and one["test"] == test and {*one["tasks"].split(", ")} <= {*tasks}:
             yield f"No result for {one['of']} ({test}): {why} {row}."
         elif slug == "tests" and of in tasks:
-            yield f"No t for {one['material']} in {of}: {why} {row}."
+            yield f"No t-test for {one['material']} in {of}: {why} {row}."
         elif slug == "anova" and one["analysis"].startswith(kind) and (of in tasks or kind == "two-way"):
             yield f"No result for {joined(tasks) if of == 'all' else of} ({test}): {why} {row}."
 
@@ -140,7 +140,7 @@ def _against_chance(rows: Sections, tasks: Sequence[str]) -> Iterator[str]:
             if one["p"] is not None:
                 parts.append(f"t({tested.record['df']}) = {one['statistic']:.2f}, {p_value(one['p'])}")
             if (p := one["p_sign_flip_ours"]) is not None:
-                parts.append(f"exact sign flips, {p_value(p)}")
+                parts.append(f"exact sign-flip test, {p_value(p)}")
             yield f"In {one['task']}, {one['of']} was named correctly in {', '.join(parts)} {row} {tested}."
 
 
@@ -149,7 +149,7 @@ def _one_way(rows: Sections, tasks: Sequence[str]) -> Iterator[str]:
         one = row.record
         if one["analysis"] == "one-way" and one["task"] in tasks and one.get("f") is not None:
             mark = "exploratory " if one["standing"] == EXPLORATORY else ""
-            yield f"In {one['task']}, the {mark}one-way ANOVA of {one['of']} gave {_f(row, rows)}."
+            yield f"In {one['task']}, the {mark}one-way ANOVA of {one['of']} yielded {_f(row, rows)}."
 
 
 def _two_way(rows: Sections, _: Sequence[str]) -> Iterator[str]:
@@ -159,8 +159,8 @@ def _two_way(rows: Sections, _: Sequence[str]) -> Iterator[str]:
     for row in rows["found"]:
         if (one := row.record)["quantity"].startswith("paired difference") and one["p"] is not None:
             parts = [f"M = {bounded(one['value'])}", *_interval(one, 0.95), f"t({one['df1']}) = {one['statistic']:.2f}"]
-            parts += [p_value(one["p"]), f"exact sign flips, {p_value(one['p_sign_flip_ours'])}"]
-            yield f"Of the {one['n']} who did both tasks, {one['of']} was {', '.join(parts)} {row}."
+            parts += [p_value(one["p"]), f"exact sign-flip test, {p_value(one['p_sign_flip_ours'])}"]
+            yield f"For the {one['n']} participants who did both tasks, {one['of']} was {', '.join(parts)} {row}."
 
 
 def _icc(rows: Sections, _: Sequence[str]) -> Iterator[str]:
@@ -198,8 +198,8 @@ def _f(row: Row, rows: Sections) -> str:
 
 
 VERDICTS = {
-    "sign flips against chance": ("was named correctly more often than by chance", "was not shown above chance"),
-    "equivalence": ("was shown to be the same within the margin", "was not shown to be the same within the margin"),
+    "sign flips against chance": ("was named correctly more often than chance", "was not shown to be above chance"),
+    "equivalence": ("was shown to be equivalent within the margin", "was not shown to be equivalent within the margin"),
 }
 """What a planned test shows, or does not, of its subject; of others, that it is significant."""
 
@@ -225,7 +225,7 @@ def _control(row: Row) -> str:
     one = row.record
     shown = {"at chance": "was at chance", "above chance": "was above chance"}
     parts = [f"M = {bounded(one['share'])} (chance {bounded(one['chance'])})", *_interval(one, 0.95)]
-    parts += [f"exact binomial, {p_value(one['p_binomial'])}", f"exact sign flips, {p_value(one['p_sign_flip'])}"]
+    parts += [f"exact binomial, {p_value(one['p_binomial'])}", f"exact sign-flip test, {p_value(one['p_sign_flip'])}"]
     verdict = shown.get(one["verdict"], "was not shown to be at chance")
     margin = f" within {bounded(one['margin'])}" if one["verdict"] != "above chance" else ""
     return f"Identification in {one['task']}, a control of {one['of']}, {verdict}{margin}, {', '.join(parts)} {row}."

@@ -82,7 +82,7 @@ def icc_section(results: Results) -> Section:
         for r in results.reliabilities
     ]
     told = dict.fromkeys(note for r in results.reliabilities for note in _icc_notes(r, FEW))
-    more = "The report and icc.csv give F, P and the intervals."
+    more = "The report and icc.csv contain F, P and the intervals."
     brief = [tabulate("", IN_SHORT, shown, (*told, more))]
     if results.components:
         tables.append(_components_table(results.components))
@@ -104,8 +104,8 @@ def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, 
     if who := reliability.dropped:
         lack = "task or material" if reliability.task is None else "material"
         more = len(who[most:]) if most else 0
-        named = ", ".join(who[:most]) + (f" and {more} more, whom the report names" if more else "")
-        notes.append(f"The matrix of {of} leaves out participants who had no trial of some {lack}: {named}.")
+        named = ", ".join(who[:most]) + (f" and {more} more, listed in the report" if more else "")
+        notes.append(f"The matrix of {of} leaves out participants with no trials of a {lack}: {named}.")
     return tuple(notes)
 
 
@@ -114,11 +114,11 @@ def _components_table(reliability: ComponentReliability) -> Table:
     parts = zip((*c.names, "residual"), (c.first, c.second, c.interaction, c.residual), strict=True)
     estimates = ", ".join(f"{name} {value:.5f}" for name, value in parts)
     notes = [
-        f"The components of variance by Henderson's method III are: {estimates}. ICC = S / (S + residual / k), where S "
+        f"Variance components (Henderson's method III): {estimates}. ICC = S / (S + residual / k), where S "
         "is the sum of the other components."
     ]
     if c.negative:
-        notes.append(f"These components were estimated below zero and count as zero: {', '.join(c.negative)}.")
+        notes.append(f"These components have negative estimates and count as zero: {', '.join(c.negative)}.")
     if any(value is None for _, _, value in reliability.by_k):
         notes.append("The ICC is not defined, because no component is above zero.")
     records: list[Record] = [
@@ -187,14 +187,14 @@ def sections(
 def _presented(results: Results) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return sentences on tasks that do not present every material, and on the materials over which tasks compare."""
     part = [task for task in results.tasks if task.confusion.absent]
-    told = "Task {} presents {} alone; answers could be any of the materials."
+    told = "Task {} presents only {}; answers could be any of the materials."
     alone = tuple(told.format(task.task.id, ", ".join(task.task.presented)) for task in part)
     if not part or len(results.tasks) < 2:
         return alone, ()
     every = part[0].confusion.materials
     names = [name for name in every if all(name in task.task.presented for task in results.tasks)]
     told = f"all of them present {joined(names)}" if names else "no material is in all of them"
-    return alone, (f"Tasks are compared over the materials that they have in common; {told}.",)
+    return alone, (f"Tasks are compared on the materials that they have in common; {told}.",)
 
 
 def overview_section(study: Study, results: Results) -> Section:
@@ -243,16 +243,16 @@ def tests_section(results: Results) -> Section:
         notes += [f"{material} {ABSENT}." for material in task.confusion.absent]
         notes += companion_tables.sampled((test.material, test.flip) for test in task.tests)
         gaps = sum(test.p_holm is None for test in task.tests)
-        notes += [f"Holm's m counts {plural(gaps, 'planned test')} without a P, as if P were 1."] * bool(gaps)
+        notes += [f"Holm's correction counts {plural(gaps, 'planned test')} without a P as if P were 1."] * bool(gaps)
         notes += [
-            f"{test.material}: d has no interval, because the noncentral t cannot be computed so far out."
+            f"{test.material}: d has no interval, because the noncentral t cannot be computed that far into its tail."
             for test in task.tests
             if lacks_a_limit(test.d)
         ]
         title = f"{task.task.title}: correct answers against chance, {task.chance:.4g}"
         key = task.task.id
         tables.append(replace(tabulate(title, TESTS, tests, notes, key=key), records=(*tests, *absent)))
-        said = f"The exact test is by sign flips.{bracketed([task])}"
+        said = f"The exact test uses sign flips.{bracketed([task])}"
         brief.append(tabulate(title, TESTS, tests, (*notes, said), brief=True, key=key))
     about = plans.ABOUT["tests"].substitute()
     families = tuple(_families(results))
@@ -266,13 +266,13 @@ def _families(results: Results) -> list[str]:
         found.setdefault(task.correction, []).append(task.task.id)
     if set(found) == {None}:
         return [
-            "The stars follow the P that is not adjusted, because no protocol names a correction. Holm's correction "
+            "The stars follow the unadjusted P, because no protocol names a correction. Holm's correction "
             "covers the materials of one task."
         ]
     return [
-        f"In {' and '.join(tasks)} the stars follow "
-        + ("the P that is not adjusted; Holm's correction covers the materials of one task." if family is None else
-           f"Holm's adjusted P, as the protocol plans; its family is the {family}.")
+        f"In {' and '.join(tasks)}, the stars follow "
+        + ("the unadjusted P; Holm's correction covers the materials of one task." if family is None else
+           f"the Holm-adjusted P, as the protocol plans; the family is the {family}.")
         for family, tasks in found.items()
     ]  # fmt: skip
 
@@ -330,7 +330,7 @@ def _about_anova(undefined: Sequence[tuple[str, str, str]], lines: list[Record])
             of = f"{line['task']}, {line['of']}" if "of" in line else line["analysis"]
             yield (
                 f"The interval of partial η² is not defined for {of}, {line['source']}: the noncentral F cannot be "
-                "computed so far out."
+                "computed that far into its tail."
             )
     yield from (
         f"There is no two-way ANOVA: {reason}." for kind, _, reason in undefined if kind == plans.NONE_OF_TWO_WAY
@@ -358,11 +358,11 @@ def _confusion_table(task: TaskResult) -> Table:
     people = len(matrix.participants)
     notes = [
         f"Each column is an answer. *, ** and *** mark correct answers above chance ({task.chance:.4g}) with "
-        f"{'an unadjusted P' if task.correction is None else 'a P adjusted by Holm'} below 0.05, 0.01 and 0.001."
+        f"{'an unadjusted P' if task.correction is None else 'a Holm-adjusted P'} below 0.05, 0.01 and 0.001."
         + bracketed([task])
     ]
     notes += _never(task)
-    spread = "mean ± SD among" if people > 1 else "of"
+    spread = "mean ± SD across" if people > 1 else "of"
     title = f"{task.task.title}: answer ratios, {spread} {plural(people, 'participant')}"
     places = frozenset((row, i + 1) for row, i in enumerate(matrix.presented))
     table = tabulate(title, columns, crossed(records, "presented", "answered"), notes, marked=places)

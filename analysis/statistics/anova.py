@@ -69,7 +69,9 @@ def one_way(groups: Sequence[Sequence[exact.Number]], name: str = "group") -> An
     if len(sizes) < 2 or not all(sizes):
         raise exact.NotDefined(f"one-way ANOVA needs two groups with values, got sizes {sizes}")
     if sum(sizes) == len(sizes):
-        raise exact.NotDefined("one-way ANOVA needs two values in a group, got one in each: nothing is left for error")
+        raise exact.NotDefined(
+            "one-way ANOVA needs two values in some group, got one in each: the error has no degrees of freedom"
+        )
     cells = exact.of_groups(groups)
     return _table("one-way", [(name, ss_between(cells), len(sizes) - 1)], cells.ss_within, sum(sizes) - len(sizes))
 
@@ -214,7 +216,7 @@ def cells(
             raise exact.NotDefined(f"two-way ANOVA needs a value in every cell, got none for {a}, {b}")
     if len(values) == len(sorted_values):
         raise exact.NotDefined(
-            "two-way ANOVA needs two participants in a cell, got one in each: nothing is left for error"
+            "two-way ANOVA needs two participants in some cell, got one in each: the error has no degrees of freedom"
         )
     weights = tuple(len(held) for held in sorted_values.values())
     return Cells(

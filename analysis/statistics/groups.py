@@ -48,10 +48,10 @@ def difference(one: Sequence[Number], other: Sequence[Number], rng: np.random.Ge
     """
     sizes = len(one), len(other)
     if min(sizes) < 2:
-        raise NotDefined(f"it needs two participants of either group, got {sizes[0]} and {sizes[1]}")
+        raise NotDefined(f"it needs two participants in each group, got {sizes[0]} and {sizes[1]}")
     whole, common = integers([*one, *other])
     if len({*whole}) == 1:
-        raise NotDefined("all participants of both groups have the same share")
+        raise NotDefined("all participants of both groups have the same proportion")
     values = np.array([value - whole[0] for value in whole], dtype=np.float64)
     values /= abs(values).max()
     ways = math.comb(people := sum(sizes), sizes[0])

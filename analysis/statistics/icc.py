@@ -71,13 +71,13 @@ def icc(ratings: Sequence[Sequence[exact.Number]], confidence: float = 0.95) -> 
     """
     n, k = len(ratings), len(ratings[0]) if ratings else 0
     if any(len(row) != k for row in ratings):
-        raise ValueError(f"every target needs every rater, got rows of lengths {sorted({len(row) for row in ratings})}")
+        raise ValueError(f"every rater must rate every target, got row lengths {sorted({len(row) for row in ratings})}")
     if n < 2 or k < 2:
         raise exact.NotDefined(f"an ICC needs two targets and two raters, got {n} and {k}")
     whole, denominator = exact.integers([value for row in ratings for value in row])
     found = _spreads(np.array(whole, dtype=object).reshape(n, 1, k))
     if not found.total[0]:
-        raise exact.NotDefined("all ratings are the same: no ICC is defined")
+        raise exact.NotDefined("all ratings are the same, so the ICC is not defined")
     unit = n * k * n * (n - 1) * (k - 1) * denominator**2
     ms_r, ms_c, ms_e, ms_w = (ms / unit for ms in (found.targets, found.raters, found.error, found.within))
     tests = {"1": found.test("1"), "2": (two_way := found.test("2")), "3": two_way}
@@ -163,18 +163,18 @@ def _why(kind: str, value: float | None, f: float | None, single: Limits, ends: 
     """Return why a form lacks its value, its test or its interval; empty where it has all of them."""
     said = []
     if value is None:
-        said.append("the variance that it is a share of is estimated as zero or less, so it is not defined")
+        said.append("its denominator variance is estimated as zero or less, so it is not defined")
     if f is None:
-        what = "within targets" if kind == "1" else "beside that of targets and raters"
+        what = "within targets" if kind == "1" else "other than that of targets and raters"
         said.append(f"there is no variance {what}, so F and P are not defined")
     if None not in ends:
         return "; ".join(said)
     if said:
         said.append("nor is the interval")
     elif None in single:
-        said.append("the degrees of freedom of its interval come near zero, so the interval is not defined")
+        said.append("the degrees of freedom of its interval are near zero, so the interval is not defined")
     else:
-        said.append("a limit for one rater is too low for the step to the mean of k, so the interval is not defined")
+        said.append("a limit for one rater is too low to convert to the mean of k, so the interval is not defined")
     return "; ".join(said)
 
 

@@ -60,7 +60,7 @@ def t_against_chance(values: Sequence[exact.Number], chance: exact.Number) -> TT
     null = Fraction(chance)
     n = len(values)
     if n == 0:
-        return TTest(0, None, None, float(null), 0, None, None, None, "nobody was presented this material")
+        return TTest(0, None, None, float(null), 0, None, None, None, "this material was not presented")
     cells = exact.of_groups([values])
     mean = float(cells.means[0, 0])
     if n == 1:

@@ -44,7 +44,9 @@ def fit(counts: Integers) -> Lapses:
         raise NotDefined("a material was never presented")
     a, b = (one[0] for one in fits(counts[None]))
     if not np.isfinite(a).all():
-        raise NotDefined("nearly all wrong answers named one material, or there were none: the biases are open")
+        raise NotDefined(
+            "nearly all wrong answers named one material, or there were none, so the biases are not determined"
+        )
     wrong = counts - np.diag(np.diag(counts))
     fitted = np.outer(a, b)
     np.fill_diagonal(fitted, 0.0)

@@ -128,7 +128,7 @@ def fit(right: Integers, trials: Integers, cells: Layout) -> MixedLogit:
     if not np.isfinite(found.x).all() or np.abs(found.jac).max() > 100 * GRADIENT_TOLERANCE:
         raise NotDefined("the mixed logit does not converge")
     if np.abs(found.x[:count]).max() > LARGEST:
-        raise NotDefined("the odds of the mixed logit have no limit, as if all answers were right, or all wrong")
+        raise NotDefined("the odds of the mixed logit are infinite or zero, as if answers were all right or all wrong")
     steps = DIFFERENCE * np.eye(count + effects)
     rows = np.array([(lost(found.x + step)[1] - lost(found.x - step)[1]) / (2 * DIFFERENCE) for step in steps])
     information = people * (rows + rows.T) / 2

@@ -143,7 +143,7 @@ def equivalence(values: Floats, margin: float, alpha: float = 0.05) -> Equivalen
         raise NotDefined(f"it needs two participants, got {people}")
     mean, sd = float(values.mean()), float(values.std(ddof=1))
     if sd <= 1e-12 * max(1.0, abs(mean)):
-        raise NotDefined("no variance among participants")
+        raise NotDefined("there is no variance across participants")
     error = sd / math.sqrt(people)
     reach = float(stdtrit(people - 1, 1 - alpha)) * error
     log_bf01 = -log_bayes_factor(mean / error, people)
@@ -184,12 +184,12 @@ def order_effect(one: Sequence[Number], other: Sequence[Number], rng: np.random.
     """
     sizes = len(one), len(other)
     if min(sizes) < 2:
-        raise NotDefined(f"it needs two participants who began with either task, got {sizes[0]} and {sizes[1]}")
+        raise NotDefined(f"it needs two participants who began with each task, got {sizes[0]} and {sizes[1]}")
     whole, common = integers([*one, *other])
     values: Floats = np.array(whole, dtype=np.float64)
     gaps = values[: sizes[0]], values[sizes[0] :]
     if np.ptp(values) == 0:
-        raise NotDefined("all participants have the same difference of the tasks")
+        raise NotDefined("all participants have the same difference between the tasks")
     ways = math.comb(people := sum(sizes), sizes[0])
     if ways <= DRAWS:
         sums = values[np.array(list(combinations(range(people), sizes[0])))].sum(axis=1)
@@ -255,7 +255,7 @@ def jackknife(observed: float, left_out: Floats) -> Jackknife:
         raise NotDefined(f"a jackknife needs 2 participants, got {people}")
     error = math.sqrt((people - 1) * float(left_out.var()))
     if error <= 1e-12 * max(1.0, abs(observed)):
-        raise NotDefined("no variance among participants: the jackknife has no interval")
+        raise NotDefined("there is no variance across participants, so the jackknife has no interval")
     value = people * observed - (people - 1) * float(left_out.mean())
     reach = float(stdtrit(people - 1, (1 + CONFIDENCE) / 2)) * error
     return Jackknife(value, error, value - reach, value + reach, CONFIDENCE)

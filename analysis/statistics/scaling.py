@@ -91,10 +91,10 @@ def fit_terms(data: Comparisons, terms: Floats) -> Terms:
     Raises `NotDefined` where some comparisons ended in a tie, or the terms cannot be separated.
     """
     if bool((data.chosen == TIE).any()):
-        raise NotDefined("some comparisons ended in a tie, which this law has not")
+        raise NotDefined("some comparisons ended in a tie, which this law does not allow")
     design = np.column_stack([terms[data.first] - terms[data.second], np.ones(len(data.first))])
     if np.linalg.matrix_rank(design) < design.shape[1]:
-        raise NotDefined("what was compared cannot separate the factors from each other and from being first")
+        raise NotDefined("these comparisons cannot separate the factors from each other and from presentation order")
     reduced = _separated(data, design)
     beta, fitted, scores, information = _binomial(design, data.chosen, probit=False, reduced=reduced)
     likelihood = float(np.log(fitted[np.arange(len(fitted)), data.chosen]).sum())
@@ -111,7 +111,7 @@ class NeverCompared(NotDefined):
     """Items of one `part`, by their places, were never compared with any of the others."""
 
     def __init__(self, part: tuple[int, ...]) -> None:
-        super().__init__("some items were never compared with the others, so that no scale has them all")
+        super().__init__("some items were never compared with the others, so no scale includes them all")
         self.part = part
 
 
@@ -152,14 +152,16 @@ def fit(data: Comparisons, law: Law) -> Scale:
 def _check(data: Comparisons, law: Law) -> None:
     ties = bool((data.chosen == TIE).any())
     if ties != (law == "davidson"):
-        said = "some comparisons ended in a tie, which this law has not" if ties else "no comparison ended in a tie"
+        said = (
+            "some comparisons ended in a tie, which this law does not allow" if ties else "no comparison ended in a tie"
+        )
         raise NotDefined(f"{said}, so the {law} scale is not defined")
     joined = coo_array((np.ones(len(data.first)), (data.first, data.second)), shape=(data.items, data.items))
     pieces, piece = connected_components(joined, directed=False)
     if pieces > 1:
         raise NeverCompared(tuple(np.flatnonzero(piece == piece[0]).tolist()))
     if np.linalg.matrix_rank(np.unique(_design(data), axis=0)) < data.items:
-        raise NotDefined("pairs were presented in too few orders to separate the items from being first")
+        raise NotDefined("pairs were presented in too few orders to separate the items from presentation order")
 
 
 def _separated(data: Comparisons, design: Floats) -> bool:
@@ -237,7 +239,7 @@ def _davidson(design: Floats, chosen: Integers, *, reduced: bool) -> tuple[Float
     raise NotDefined(NOT_REACHED)
 
 
-NOT_REACHED = "the likelihood has no greatest value within reach"
+NOT_REACHED = "no maximum of the likelihood was found"
 
 
 def no_smaller(meat: Floats, information: Floats) -> Floats:

@@ -90,7 +90,7 @@ def population_limits(right: Integers, trials: Integers) -> Limits:
     """
     right, trials = right[trials > 0], trials[trials > 0]
     if right.size < 2:
-        raise NotDefined(f"an interval over participants needs two, got {right.size}")
+        raise NotDefined(f"an interval across participants needs two, got {right.size}")
     low, wrong = (_weighted_mean(counts / trials) if counts.any() else None for counts in (right, trials - right))
     return Limits(low, None if wrong is None else 1 - wrong, over="any population")
 
@@ -128,7 +128,7 @@ def share_limits(right: Integers, trials: Integers) -> Limits:
     right, trials = right[trials > 0], trials[trials > 0]
     people = right.size
     if people < 2:
-        raise NotDefined(f"an interval over participants needs two, got {people}")
+        raise NotDefined(f"an interval across participants needs two, got {people}")
     low, high = modelled(right, trials)
     shares = right / trials
     mean = float(shares.mean())
@@ -237,7 +237,7 @@ def difference_limits(right: Integers, trials: Integers, gaps: Floats) -> Limits
     """
     people = gaps.size
     if people < 2:
-        raise NotDefined(f"an interval over participants needs two, got {people}")
+        raise NotDefined(f"an interval across participants needs two, got {people}")
     shares: Floats = right / trials
     means: Floats = shares.mean(axis=1)
     gap = float(gaps.mean())

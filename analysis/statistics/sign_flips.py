@@ -49,7 +49,7 @@ def sign_flip(values: Sequence[Number], null: Number, rng: np.random.Generator) 
     `NotDefined` without a participant.
     """
     if not values:
-        raise NotDefined("nobody was presented this material")
+        raise NotDefined("this material was not presented")
     whole, _ = integers([Fraction(value) - Fraction(null) for value in values])
     common = math.gcd(*whole) or 1
     steps = sorted(abs(value) // common for value in whole if value)

@@ -23,7 +23,7 @@ from palpate.experiment.synthesis.spectra import BAND_HZ
 METHODS = (
     ("Spectrum", "C_k = (2/N) sum of y_i cos(pi k (i + 1/2) / N), at F k / (2 N) hertz. Equation (1)."),
     ("Panel", "C'_k = max(|C_k| - mean |C_k| of the bare panel at the same speed, 0). Equation (2)."),
-    ("Synthesis", "C'_k is linear in speed between neighbouring recorded speeds, and floored at zero. Equation (3)."),
+    ("Synthesis", "C'_k is linear in speed between neighboring recorded speeds, and floored at zero. Equation (3)."),
     ("Dissimilarity", "The differences of two magnitudes are summed over 0 to 500 Hz. Equation (6)."),
 )
 
@@ -127,7 +127,7 @@ def _classification(validation: Validation) -> Section:
         columns = (
             Column("observed_mm_s", "observed mm/s", show="{:g}".format, left=True),
             *(Column(speed, show=lambda n: str(n) if n else "") for speed in candidates),
-            Column("near", "same or neighbour", show=partial(count_of, total=per_speed)),
+            Column("near", "same or neighbor", show=partial(count_of, total=per_speed)),
         )
         marked = frozenset(
             (row, 1 + column)
@@ -135,7 +135,7 @@ def _classification(validation: Validation) -> Section:
             for column, candidate in enumerate(one.candidates_mm_s)
             if candidate == v
         )
-        table = tabulate(f"{one.material}: takes put on each speed", columns, speeds, marked=marked)
+        table = tabulate(f"{one.material}: takes assigned to each speed", columns, speeds, marked=marked)
         tables.append(replace(table, records=tuple(_takes(one))))
     text = "; ".join(
         f"{material} at {observed:g} mm/s, {n} on {chosen:g} mm/s"
@@ -146,15 +146,15 @@ def _classification(validation: Validation) -> Section:
     paragraphs = (
         *([validation.fitted] if validation.fitted else []),
         f"The recordings are {validation.recordings}. The fresh takes are {validation.fresh}.",
-        f"{head} of the takes of every material were put on the same or a neighbouring speed: {'; '.join(verdicts)}.",
-        "The candidates are all recorded and observed speeds; neighbours are next to one another among them. Each take "
-        "is compared by itself, less the average panel. Single takes look slower than they were, because a sum of "
-        "absolute differences is least at the median of a random magnitude, and syntheses come from means.",
+        f"{head} of every material's takes were assigned to the same or a neighboring speed: {'; '.join(verdicts)}.",
+        "The candidates are all recorded and observed speeds; neighbors are adjacent in this list. Each take is "
+        "compared separately, minus the average panel. Single takes appear slower than they were: a sum of absolute "
+        "differences is smallest at the median of a random magnitude, but syntheses use means.",
         f"Takes are averaged by {validation.average}. Averaged by {validation.other.average}, the counts would be: "
         f"{others}.",
-        f"The paper's text reports, of ten takes each: {text}.",
+        f"The paper's text reports, for ten takes each: {text}.",
     )
-    return Section("classification", "Takes put on speeds", paragraphs, tuple(tables))
+    return Section("classification", "Takes assigned to speeds", paragraphs, tuple(tables))
 
 
 def _takes(one: Classified) -> list[Record]:
@@ -181,7 +181,7 @@ OVERLAID = (
 
 
 def _overlay(validation: Validation) -> Section:
-    shown = tabulate("Synthesised and averaged observed spectra", OVERLAID, map(asdict, validation.overlays))
+    shown = tabulate("Synthesized and averaged observed spectra", OVERLAID, map(asdict, validation.overlays))
     records: list[Record] = [
         {"material": one.material, "speed_mm_s": one.speed_mm_s, "frequency_hz": float(f),
          "observed_m_s2": float(observed), "synthesised_m_s2": float(synthesised)}
@@ -189,9 +189,9 @@ def _overlay(validation: Validation) -> Section:
         for f, observed, synthesised in zip(validation.frequencies_hz, one.observed, one.synthesised, strict=True)
         if f <= BAND_HZ[1]
     ]  # fmt: skip
-    paragraphs = ("Both spectra average as many takes as were recorded at each speed, less the panel.",)
+    paragraphs = ("Each spectrum is the average of all takes recorded at its speed, minus the panel.",)
     table = replace(shown, records=tuple(records))
-    return Section("overlay", "Synthesised and observed spectra", paragraphs, (table,))
+    return Section("overlay", "Synthesized and observed spectra", paragraphs, (table,))
 
 
 def _dissimilarity(validation: Validation) -> Section:
@@ -214,20 +214,23 @@ def _dissimilarity(validation: Validation) -> Section:
         f"Takes are averaged by {validation.average}, and in the next column by {other.average}.",
         "The last two columns are the answer ratios that Table 2 prints for real materials.",
     )
-    table = tabulate(f"Normalised dissimilarity at {validation.reference_mm_s:g} mm/s", columns, records, notes)
+    table = tabulate(f"Normalized dissimilarity at {validation.reference_mm_s:g} mm/s", columns, records, notes)
     outside = (
-        f"{validation.reference_mm_s:g} mm/s, at which the paper compares materials, lies outside the recorded speeds: "
+        f"{validation.reference_mm_s:g} mm/s, at which the paper compares materials, is outside the recorded speeds: "
         "these spectra are EXTRAPOLATED."
     )
     rho, swapped = validation.rank_correlation, other.rank_correlation
-    found = "The paper has no answer ratios of these materials, or too few for a correlation."
+    found = "The paper has no answer ratios for these materials, or too few for a correlation."
     if rho is not None:
         also = f" ({swapped:.2f} averaged by {other.average})" if swapped is not None else ""
-        found = f"Spearman's rank correlation of ratio and dissimilarity is {rho:.2f}, over {len(ratios)} ratios{also}."
+        found = (
+            f"Spearman's rank correlation between ratio and dissimilarity is {rho:.2f} across {len(ratios)} "
+            f"ratios{also}."
+        )
     paragraphs = (
         *([validation.fitted] if validation.fitted else []),
         *([outside] if validation.extrapolated else []),
-        f"Materials whose spectra differ less should be confused more often. {found}",
+        f"Materials with more similar spectra should be confused more often. {found}",
     )
     return Section("dissimilarity", "Dissimilarity of materials", paragraphs, (table,))
 
@@ -240,35 +243,35 @@ def sheets(validation: Validation) -> tuple[drawing.Sheet, ...]:
 
 def _sheets(validation: Validation) -> Iterator[drawing.Sheet]:
     label, f = validation.label, validation.frequencies_hz
-    figure, panels = drawing.sheet([1.5] * len(validation.classified), "Speeds on which fresh takes were put", label)
+    figure, panels = drawing.sheet([1.5] * len(validation.classified), "Speeds assigned to fresh takes", label)
     for axes, of_it in zip(panels, validation.classified, strict=True):
         classification(axes, of_it)
     drawing.common_key(figure, panels[0])
-    said = "The speeds on which fresh takes were put (as Fig. 7 of Okamoto et al.). The tables here give the numbers."
+    said = "The speeds assigned to fresh takes (as in Fig. 7 of Okamoto et al.). The tables give the numbers."
     yield drawing.Sheet("classification", "classification", said, figure)
 
     if validation.overlays:
         figure, panels = drawing.sheet(
-            [1.4] * len(validation.overlays), "Synthesised and observed, less the panel", label
+            [1.4] * len(validation.overlays), "Synthesized and observed, minus the panel", label
         )
         for axes, one in zip(panels, validation.overlays, strict=True):
             overlay(axes, one, f)
         drawing.common_key(figure, panels[0])
-        said = "Synthesised spectra and averages of observed ones, less the panel (as Fig. 6 of Okamoto et al.)."
+        said = "Synthesized spectra and averaged observed spectra, minus the panel (as in Fig. 6 of Okamoto et al.)."
         yield drawing.Sheet("overlay", "overlay", said, figure)
 
-    figure, (axes,) = drawing.sheet([2.6], f"Materials at {validation.reference_mm_s:g} mm/s, less the panel", label)
+    figure, (axes,) = drawing.sheet([2.6], f"Materials at {validation.reference_mm_s:g} mm/s, minus the panel", label)
     spectra(axes, validation.spectra, f)
-    said = "Amplitude spectra of the materials, less the panel (as Fig. 12 of Okamoto et al.)."
+    said = "Amplitude spectra of the materials, minus the panel (as in Fig. 12 of Okamoto et al.)."
     yield drawing.Sheet("spectra", "dissimilarity", said, figure)
 
     if validation.confusable:
         made = ", of materials that were fitted to Table 3" if validation.fitted else ""
-        title = f"Confusions of real materials, as Table 2 prints them, and dissimilarity here{made}"
+        title = f"Confusions of real materials (Table 2 of the paper) and dissimilarity in this study{made}"
         figure, (axes,) = drawing.sheet([3.1], title, label)
-        against_dissimilarity(axes, _confusions(validation), "these recordings, normalised")
-        said = "How often a material was taken for another (Table 2 of Okamoto et al.) against the dissimilarity of "
-        said += "their spectra here (as Fig. 13)."
+        against_dissimilarity(axes, _confusions(validation), "these recordings, normalized")
+        said = "How often a material was confused with another (Table 2 of Okamoto et al.) against the dissimilarity "
+        said += "of their spectra here (as in Fig. 13)."
         yield drawing.Sheet("confusions", "dissimilarity", said, figure)
 
 
@@ -290,7 +293,7 @@ def classification(axes: Axes, one: Classified) -> None:
     axes.set_xticks(places, [f"{v:g}" for v in one.candidates_mm_s])
     axes.set_ylim(0, one.chosen.shape[1] + 0.5)
     axes.set_title(f"{drawing.short(one.material, 24)}: {int(one.close.sum())} of {one.takes} same or next")
-    axes.set_xlabel("synthesised speed (mm/s)")
+    axes.set_xlabel("synthesized speed (mm/s)")
     axes.set_ylabel("takes")
 
 

@@ -114,7 +114,7 @@ def known_spectra(recorded: Recorded, *, average: Average = "magnitude") -> dict
             "recordings",
             f"got takes at one speed, {recorded.speeds_mm_s[0]:g} mm/s",
             "record the materials at other speeds too, or name other recordings",
-            allowed="two speeds or more, because syntheses lie between them",
+            allowed="two or more speeds, because stimuli are synthesized between them",
         )
     return {
         material: subtract(
@@ -181,8 +181,8 @@ def normalised_pairs(spectra: Mapping[str, NDArray[np.float64]], *, rate_hz: int
 
 FITTED = (
     "SIMULATED: these materials were fitted to Table 3. Sessions with the paper's rate, length and takes were drawn "
-    "until they met it, and growth with speed was chosen with section 3.3 in view. Agreement with Table 3, with "
-    "Figure 7, and of the rank correlation with Table 2 was made, not found."
+    "at random until they matched it, and growth with speed was chosen to match section 3.3. Agreement with Table "
+    "3, with Figure 7, and with the rank correlation of Table 2 was therefore built in, not found."
 )
 """The sentence that stands wherever simulated recordings are set beside published numbers."""
 

@@ -21,13 +21,13 @@ KeyName = Annotated[
 
 
 def _key_rules(table: Any) -> Iterator[Broken]:
-    """No key is there for two things."""
+    """No key has two functions."""
     keys = {name: table.get(name, field.default) for name, field in ScreenKeys.model_fields.items()}
     for pair in combinations(keys, 2):
         # The one that the file names is told; the other may be there by default.
         default, named = sorted(pair, key=lambda name: name in table)
         if keys[default] == keys[named]:
-            yield Broken((named,), f"another key than that of `{default}`")
+            yield Broken((named,), f"a key that differs from `{default}`")
 
 
 class ScreenKeys(Confined):
@@ -37,10 +37,10 @@ class ScreenKeys(Confined):
         louder: louder masker.
         softer: softer masker.
         probe: plays the probe.
-        done: loud enough; or the trial may begin.
-        stop: silences everything and pauses, any time.
-        back: a page back in a long instruction.
-        forth: a page on.
+        done: accepts the level, or begins the trial.
+        stop: silences everything and pauses, at any time.
+        back: previous page of a long instruction.
+        forth: next page.
     """
 
     RULES: ClassVar[Rules] = _key_rules
@@ -55,83 +55,83 @@ class ScreenKeys(Confined):
 
 
 class ScreenWords(Confined):
-    """The screen's own words. Instructions are the protocol's.
+    """palpate's texts on the screen. Instructions are in the protocol.
 
     Attributes:
         wait: nothing to do.
-        masker: setting the level.
+        masker: the participant sets the masker's level.
         set_for_you: the experimenter sets it.
         louder: label of the key.
         softer: label of the key.
         probe: label of the key.
-        tread: added to both while there is no probe.
-        inaudible: the level is right.
-        loudest: at the limit.
-        audible: not enough even there (louder key).
+        tread: added to both if there is no probe.
+        inaudible: label of the key that accepts the level.
+        loudest: the level is at its limit.
+        audible: label of the louder key at the limit: still insufficient.
         rest: the tracker is zeroed.
         ready: a step is armed.
-        coming: another trial is.
-        begin: label of the key that sets it off.
-        interval: one of its stimuli plays, if it has several; `{number}` stands for which.
+        coming: another kind of trial is armed.
+        begin: label of the key that begins it.
+        interval: one of its stimuli plays, if it has several; `{number}` is its number.
         again: armed after a step that did not count.
-        answer: the answer is awaited.
-        choose: same, chosen on the screen.
-        press: same, with buttons.
-        say: as `answer`, below what a design asks.
-        option: as `choose`, below that.
-        button: as `press`, below that.
-        feel: before either, two samples.
-        compare: as `answer`, two samples.
-        first: added while the first virtual surface is there.
-        second: added for the second.
+        answer: waiting for the answer.
+        choose: the same, for choices on the screen.
+        press: the same, for buttons.
+        say: as `answer`, below a design's question.
+        option: as `choose`, below the question.
+        button: as `press`, below the question.
+        feel: before either, for two samples.
+        compare: as `answer`, for two samples.
+        first: added while the first virtual surface is presented.
+        second: the same for the second.
         pause: break, above the time left.
-        pause_over: break over.
-        slow: the last step, if rules judge its speed.
-        right: as `slow`; of a hand, the lamp unlit.
-        fast: as `slow`; of a hand, the lamp lit.
-        finished: all trials answered.
+        pause_over: the break is over.
+        slow: after a step, if rules limit its speed.
+        right: as `slow`; for a hand, with the lamp off.
+        fast: as `slow`; for a hand, with the lamp on.
+        finished: all trials have been answered.
         headphones: added to `pause`, `finished` and `thanks` after a masker.
-        headphones_on: added to `pause_over` after one.
-        thanks: session ended.
+        headphones_on: added to `pause_over` after a masker.
+        thanks: the session has ended.
         gone: no connection.
     """
 
     wait: Line = "Please wait."
-    masker: Line = "Make the noise louder until you no longer hear the panel."
-    set_for_you: Line = "Say when you no longer hear the panel."
+    masker: Line = "Make the noise louder until you can no longer hear the panel."
+    set_for_you: Line = "Say when you can no longer hear the panel."
     louder: Line = "louder"
     softer: Line = "softer"
-    probe: Line = "let the panel vibrate"
-    tread: Line = "Nothing vibrates by itself: touch the panel as you will in the trials, and listen."
-    inaudible: Line = "I no longer hear it"
-    loudest: Line = "It is as loud as it may be."
+    probe: Line = "make the panel vibrate"
+    tread: Line = "The panel does not vibrate by itself. Touch it as you will in the trials, and listen."
+    inaudible: Line = "I can no longer hear it"
+    loudest: Line = "This is the loudest setting."
     audible: Line = "I still hear it"
-    rest: Line = "Rest your foot still on the panel."
-    ready: Line = "You may step."
-    coming: Line = Field("Feel what comes.", json_schema_extra={"since": 6})
+    rest: Line = "Rest your foot on the panel and keep still."
+    ready: Line = "You may step now."
+    coming: Line = Field("Focus on what you feel.", json_schema_extra={"since": 6})
     begin: Line = Field("I am ready", json_schema_extra={"since": 6})
     interval: Line = Field("Interval {number}", json_schema_extra={"since": 6})
-    again: Line = "That step did not count. Lift your foot, then step once more."
+    again: Line = "That step did not count. Lift your foot, then step again."
     answer: Line = "Say aloud what you felt."
     choose: Line = Field("Choose what you felt.", json_schema_extra={"since": 6})
     press: Line = Field("Press the button for what you felt.", json_schema_extra={"since": 6})
     say: Line = Field("Say your answer aloud.", json_schema_extra={"since": 6})
     option: Line = Field("Choose your answer.", json_schema_extra={"since": 6})
-    button: Line = Field("Press the button of your answer.", json_schema_extra={"since": 6})
-    feel: Line = Field("Feel both, as often as you wish.", json_schema_extra={"since": 6})
-    compare: Line = "Feel both, as often as you wish. Then say your answer aloud."
-    first: Line = "The first is there now. Say so when you want the second."
-    second: Line = "The second is there now. Say so when you want the first."
+    button: Line = Field("Press the button for your answer.", json_schema_extra={"since": 6})
+    feel: Line = Field("Feel both as often as you like.", json_schema_extra={"since": 6})
+    compare: Line = "Feel both as often as you like. Then say your answer aloud."
+    first: Line = "This is the first one. Say when you want the second."
+    second: Line = "This is the second one. Say when you want the first."
     pause: Line = "Time for a break."
-    pause_over: Line = "The break is over. We go on when you are ready."
+    pause_over: Line = "The break is over. We will continue when you are ready."
     slow: Line = "too slow"
     right: Line = "good speed"
     fast: Line = "too fast"
-    finished: Line = "You have answered all of this part. Please wait for the experimenter."
-    headphones: Line = "You may take the headphones off."
-    headphones_on: Line = Field("Put the headphones on again.", json_schema_extra={"since": 6})
+    finished: Line = "You have finished this part. Please wait for the experimenter."
+    headphones: Line = "You may take off the headphones."
+    headphones_on: Line = Field("Please put the headphones back on.", json_schema_extra={"since": 6})
     thanks: Line = "This session is over. Thank you."
-    gone: Line = "Please wait a moment. The experimenter will be with you."
+    gone: Line = "Please wait. The experimenter will be with you shortly."
 
     @property
     def own(self) -> dict[str, str]:
@@ -147,7 +147,7 @@ class ScreenRig(Confined):
         fullscreen: covers the display.
         width_px: width of a window.
         height_px: height of a window.
-        font: font file (.ttf, .otf, .ttc); else one is searched for.
+        font: font file (.ttf, .otf, .ttc); if omitted, palpate searches for one.
         keys: the keys that the participant has.
         words: what the screen says.
     """
@@ -167,15 +167,15 @@ class ScreenRig(Confined):
 
 
 ButtonName = Annotated[
-    str, Field(pattern=r"^[!-\-/-@\[-~]$", description="one ASCII character, neither a capital letter, a blank nor .")
+    str, Field(pattern=r"^[!-\-/-@\[-~]$", description="one ASCII character, but no capital letter, space or period")
 ]
 
 
 def _buttons_rules(table: Any) -> Iterator[Broken]:
-    """Either `baud` or `codes` is there; each name has its own code."""
+    """Either `baud` or `codes` is required; each name has its own code."""
     names, codes = table.get("names"), table.get("codes")
     if (table.get("baud") is None) == (codes is None):
-        yield Broken(("baud",), "baud for a board on a serial line, or codes for an input device of Linux")
+        yield Broken(("baud",), "baud for a board on a serial line, or codes for a Linux input device")
     if isinstance(codes, list | tuple) and isinstance(names, list | tuple):
         if len(codes) != len(names):
             yield Broken(("codes",), f"{len(names)} codes, one for each name")
@@ -184,13 +184,13 @@ def _buttons_rules(table: Any) -> Iterator[Broken]:
 
 
 class ButtonsRig(Confined):
-    """The participant's buttons for answers: a board on its own serial line, or an input device (HID) of Linux.
+    """The participant's answer buttons: a board on a separate serial line, or a Linux input device (HID).
 
     Attributes:
         port: device path, URL for pyserial, or event file.
-        baud: bits a second of a board.
+        baud: bits per second of a board.
         names: the keys of the answers.
-        codes: of an input device: Linux's of each name.
+        codes: for an input device: the Linux code for each name.
     """
 
     RULES: ClassVar[Rules] = _buttons_rules
@@ -207,13 +207,13 @@ class ButtonsRig(Confined):
 
 
 class PedalRig(Confined):
-    """The participant's pedal on its own serial line: pressed, it silences everything.
+    """The participant's pedal, on a separate serial line; a press silences everything.
 
     Attributes:
         port: device path, or URL for pyserial.
-        baud: bits a second.
-        tried_on: day it was last pressed and silenced everything.
-        tried_days: validity.
+        baud: bits per second.
+        tried_on: date on which a press last silenced everything.
+        tried_days: validity period.
     """
 
     port: Line

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 def audio_of(rig: Rig) -> AudioRig:
     """Return the settings of the rig's audio device; `RigError` if the rig has none."""
-    remedy = Remedy("{} lists what this machine has", ("palpate", "devices"), suffices=False)
-    return needed(rig, "audio", rig.audio, remedy, "for masker and loopback need it")
+    remedy = Remedy("{} lists the devices of this computer", ("palpate", "devices"), suffices=False)
+    return needed(rig, "audio", rig.audio, remedy, "because the masker and the loopback need it")
 
 
 def open_audio(
@@ -104,7 +104,7 @@ def simulated_only(rig: Rig, key: str) -> Finding:
     """Return that a device exists in simulation alone and so cannot be opened; `key` names it in the rig file."""
     return Finding(
         f"rig '{rig.rig.name}' is simulated: its devices exist only inside `palpate rehearse`",
-        remedy=f"give a rig file whose {key} names a real one",
+        remedy=f"use a rig file whose {key} names a real device",
     )
 
 
@@ -125,9 +125,9 @@ def copy_rig(rig_file: Path, copy: Path) -> None:
         if file.exists() and storage.read_bytes(file) != content:
             raise RigError(
                 file,
-                f"got another {what} of this name from an earlier session",
-                f"rename the new {what}, in the rig file too",
-                allowed=f"one name for each {what}",
+                f"an earlier session used a different {what} with this name",
+                f"rename the new {what}, also in the rig file",
+                allowed=f"a separate name for each {what}",
             )
         storage.write(file, content)
     storage.write(copy, storage.read_bytes(rig_file))
@@ -227,9 +227,9 @@ def open_actuator(
         got, allowed = ("no", "one") if drive is None else ("a", "none")
         raise RigError(
             f"rig '{rig.rig.name}'",
-            f"got {got} frequency shaping for its actuator",
+            f"got {got} frequency shaping for the actuator",
             "correct [actuator.shaping] there",
-            allowed=f"{allowed}, as the rig file says",
+            allowed=f"{allowed}, as in the rig file",
         )
     from palpate.experiment.apparatus.panel.conditioning import open_conditioner
 

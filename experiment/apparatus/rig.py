@@ -35,31 +35,34 @@ PLACES |= {"tracker": "port", "pedal": "port", "buttons": "port"}
 
 
 def _actuator_rules(table: Any) -> Iterator[Broken]:
-    """`audio` has no `address`, others need one; one's own need `output_v` or `output_m_s2`, unless with `shaping`.
+    """The driver `audio` has no `address`; the others need one.
 
-    Either `full_scale_m_s2` or the table `shaping` is there, never both. `low_hz` and `high_hz` stand beside
-    `full_scale_m_s2`, both or neither, and `high_hz` is greater. `inverse_ahead_ms` needs the table `measured`.
+    Your own driver needs `output_v` or `output_m_s2`, except with `shaping`. Exactly one of `full_scale_m_s2` and the
+    table `shaping` is required. With `full_scale_m_s2`, `low_hz` and `high_hz` can be set, both or neither, and
+    `high_hz` is greater. `inverse_ahead_ms` needs the table `measured`.
     """
     yield from port_rules(table)
     sound, address = table.get("driver") == "audio", table.get("address")
     if not sound and address is None:
-        yield Broken(("address",), "host:port of its server, such as 127.0.0.1:4711, or what your own driver opens")
+        yield Broken(("address",), "host:port of its server, such as 127.0.0.1:4711, or an address for your own driver")
     elif sound and address is not None:
         yield Broken(("address",), "no address with driver 'audio': [audio] names the device")
     outputs = [table[key] for key in ("output_v", "output_m_s2") if table.get(key) is not None]
     if len(outputs) != (":" in str(table.get("driver")) and table.get("shaping") is None):
-        yield Broken(("output_v",), "output_v or output_m_s2 with a driver of your own, unless with [actuator.shaping]")
+        yield Broken(("output_v",), "output_v or output_m_s2 with your own driver, unless there is [actuator.shaping]")
     takes = [key for key in ("full_scale_m_s2", "shaping") if table.get(key) is not None]
     if len(takes) != 1:
-        either = "this key for a device that takes accelerations, the table [actuator.shaping] for one that takes volts"
+        either = "this key if the device takes accelerations, the [actuator.shaping] table if it takes volts"
         yield Broken(("full_scale_m_s2",), f"{either}; exactly one of them")
     if table.get("inverse_ahead_ms") is not None and table.get("measured") is None:
-        yield Broken(("inverse_ahead_ms",), "no such key without [actuator.measured]: `palpate calibrate actuator`")
+        yield Broken(
+            ("inverse_ahead_ms",), "this key only with [actuator.measured], which `palpate calibrate actuator` writes"
+        )
     low, high = table.get("low_hz"), table.get("high_hz")
     if (low, high) != (None, None) and table.get("shaping") is not None:
-        yield Broken(("low_hz",), "no low_hz and high_hz beside [actuator.shaping]: its response table has the band")
+        yield Broken(("low_hz",), "no low_hz or high_hz with [actuator.shaping]: its response table states the band")
     elif (low is None) != (high is None):
-        yield Broken(("low_hz",), "low_hz and high_hz, or neither of them")
+        yield Broken(("low_hz",), "both low_hz and high_hz, or neither")
     elif isinstance(low, int | float) and isinstance(high, int | float) and high <= low:
         yield Broken(("high_hz",), f"a number greater than low_hz ({low})")
 
@@ -79,7 +82,7 @@ class ShapingRig(Confined):
     Attributes:
         response: measured response.
         response_sha256: its hash.
-        full_scale_v: voltage of a sample of 1.0; the last limit.
+        full_scale_v: voltage of a sample of 1.0; the final limit.
         gain_limit_v_per_m_s2: limit of each bin, near nulls of the response.
     """
 
@@ -98,19 +101,19 @@ class MeasuredRig(Confined):
         load: what was on the panel.
         full_scale_m_s2: mean of the usable band, small drive.
         low_hz: start of the usable band (within 3 dB of its middle).
-        high_hz: its end.
+        high_hz: end of the usable band.
         resonances_hz: peaks.
         loudest: highest sample played.
         check_peak: highest sample of the check before each session.
-        compression_db: loss at the loudest.
-        accelerometer_m_s2: `accelerometer.full_scale_m_s2` then.
-        accelerometer_calibrated_on: its calibration.
-        calibrated_on: day.
-        calibration_days: validity.
-        output: a sample of 1.0, in V or m/s^2.
-        accelerometer_v: `accelerometer.full_scale_v` then.
-        driver_sha256: of the driver's file.
-        accelerometer_driver_sha256: of the accelerometer's.
+        compression_db: loss of level at `loudest`.
+        accelerometer_m_s2: `accelerometer.full_scale_m_s2` at that time.
+        accelerometer_calibrated_on: date of its calibration.
+        calibrated_on: date.
+        calibration_days: validity period.
+        output: output for a sample of 1.0, in V or m/s^2.
+        accelerometer_v: `accelerometer.full_scale_v` at that time.
+        driver_sha256: hash of the driver's file.
+        accelerometer_driver_sha256: hash of the accelerometer driver's file.
     """
 
     response: TableName
@@ -134,21 +137,21 @@ class MeasuredRig(Confined):
 
 
 class ActuatorRig(Confined):
-    """What shakes the panel.
+    """The device that vibrates the panel.
 
     Attributes:
-        driver: server of raw float32 samples, audio channel, or a class of a module as the tracker's.
-        address: of the server, or what a driver of your own opens.
+        driver: server of raw float32 samples, audio channel, or a class of a module as for the tracker.
+        address: of the server, or for your own driver to open.
         rate_hz: sampling rate.
-        full_scale_m_s2: acceleration of a sample of 1.0, if it takes accelerations.
+        full_scale_m_s2: acceleration of a sample of 1.0, if the device takes accelerations.
         low_hz: lowest measured frequency of such a device.
-        high_hz: highest; without both, losses are unknown.
+        high_hz: highest measured frequency; without both, losses are unknown.
         shaping: the measured response, for a device that takes volts.
         measured: the panel, as `palpate calibrate actuator` measured it.
         inverse_ahead_ms: use the inverse of the complex response instead of equation (7), starting this long before
             predicted contact.
-        output_v: what a sample of 1.0 is to a driver of your own that takes volts.
-        output_m_s2: the same for one that takes accelerations, whatever the panel was measured to do.
+        output_v: output for a sample of 1.0, for your own driver if it needs volts.
+        output_m_s2: the same if it needs accelerations, whether or not the panel was measured.
     """
 
     RULES: ClassVar[Rules] = _actuator_rules
@@ -185,28 +188,28 @@ class ActuatorRig(Confined):
 
 
 def _accelerometer_rules(table: Any) -> Iterator[Broken]:
-    """`trigger_m_s2` is less than `full_scale_m_s2`; `full_scale_v` is for a driver of one's own."""
+    """`trigger_m_s2` is less than `full_scale_m_s2`; `full_scale_v` is only for your own driver."""
     yield from port_rules(table)
     full_scale, trigger = table.get("full_scale_m_s2"), table.get("trigger_m_s2")
     if isinstance(full_scale, int | float) and isinstance(trigger, int | float) and trigger >= full_scale:
         yield Broken(("trigger_m_s2",), f"less than full_scale_m_s2 ({full_scale})")
     if table.get("full_scale_v") is not None and ":" not in str(table.get("driver")):
-        yield Broken(("full_scale_v",), "no such key but with a driver of your own")
+        yield Broken(("full_scale_v",), "this key only with your own driver")
 
 
 class AccelerometerRig(Confined):
-    """What measures the panel.
+    """The sensor that measures the panel.
 
     Attributes:
-        driver: server of raw float32 samples without end, or a class of a module as the tracker's.
-        address: of the server, or what a driver of your own opens.
-        rate_hz: that of the protocol's recordings.
+        driver: server of an endless stream of raw float32 samples, or a class of a module as for the tracker.
+        address: of the server, or for your own driver to open.
+        rate_hz: rate of the protocol's recordings.
         full_scale_m_s2: acceleration of a sample of 1.0.
-        trigger_m_s2: a take begins here: above the noise at rest.
-        stays: false if it leaves the panel: sessions then neither compare nor listen, and the measurement counts for
+        trigger_m_s2: a take begins at this level, above the noise at rest.
+        stays: false if it is removed from the panel: sessions then do not use it, and the measurement is valid for
             30 days at most.
-        calibrated_on: of `full_scale_m_s2`; a real rig needs it to calibrate the actuator.
-        full_scale_v: voltage at `full_scale_m_s2`, for a driver of your own that reads volts.
+        calibrated_on: calibration date of `full_scale_m_s2`; a real rig needs it to calibrate the actuator.
+        full_scale_v: voltage at `full_scale_m_s2`, for your own driver if it reads volts.
     """
 
     RULES: ClassVar[Rules] = _accelerometer_rules
@@ -231,25 +234,25 @@ def response_table(folder: Path, shaping: ShapingRig | MeasuredRig) -> bytes:
         raise RigError(path, f"cannot be read ({error.strerror})", "restore it", allowed=allowed) from error
     digest = hashlib.sha256(content).hexdigest()
     if digest != shaping.response_sha256:
-        remedy = "restore the table, or write its sha256 into the rig file after measuring anew"
-        allowed = f"{shaping.response_sha256}, as the rig file says"
+        remedy = "restore the table, or measure again and write the new sha256 into the rig file"
+        allowed = f"{shaping.response_sha256}, as in the rig file"
         raise RigError(path, f"got a table with sha256 {digest}", remedy, allowed=allowed)
     return content
 
 
-Channel = Annotated[int, Field(ge=1, le=256, description="a channel, from 1 as on the device")]
+Channel = Annotated[int, Field(ge=1, le=256, description="a channel, counted from 1 as on the device")]
 
 
 def _channel_rules(table: Any) -> Iterator[Broken]:
-    """No two outputs are one channel, and no two inputs."""
+    """No two outputs, and no two inputs, share a channel."""
     headphones, actuator = table.get("headphones"), table.get("actuator")
     if isinstance(headphones, list | tuple):
         if len(set(map(str, headphones))) < len(headphones):
             yield Broken(("headphones",), "each channel once")
         if actuator in headphones:
-            yield Broken(("actuator",), "a channel of its own: the headphones have this one")
+            yield Broken(("actuator",), "a separate channel: the headphones use this one")
     if table.get("microphone") is not None and table.get("microphone") == table.get("loopback"):
-        yield Broken(("loopback",), "a channel of its own: the microphone has this one")
+        yield Broken(("loopback",), "a separate channel: the microphone uses this one")
 
 
 class AudioChannels(Confined):
@@ -259,7 +262,7 @@ class AudioChannels(Confined):
         headphones: outputs of the masker, at most 8.
         actuator: output of the stimulus.
         microphone: input of the participant's voice.
-        loopback: input of what the actuator's amplifier is given.
+        loopback: input of the signal sent to the actuator's amplifier.
     """
 
     RULES: ClassVar[Rules] = _channel_rules
@@ -288,12 +291,12 @@ class AudioChannels(Confined):
 
 
 class HeadphonesRig(Confined):
-    """Loudness at the ear: play pink noise, measure, and add how far below full scale it was.
+    """Level at the ear: play pink noise, measure its level, and add how far its rms was below full scale.
 
     Attributes:
-        full_scale_db_a: of pink noise with rms at full scale.
-        calibrated_on: day.
-        calibration_days: validity.
+        full_scale_db_a: level of pink noise with its rms at full scale.
+        calibrated_on: date.
+        calibration_days: validity period.
     """
 
     full_scale_db_a: Annotated[float, Field(ge=40, le=160)]
@@ -302,14 +305,14 @@ class HeadphonesRig(Confined):
 
 
 class LatencyRig(Confined):
-    """Delay, as `palpate calibrate audio` measures it. Only the sum is measured; the driver divides it.
+    """Delay, as `palpate calibrate audio` measures it. Only their sum is measured; the driver divides it.
 
     Attributes:
         output_ms: from taking a frame to the output.
         input_ms: from input to delivery.
-        loopback_gain: what a sample of 1.0 returns as.
-        calibrated_on: day.
-        calibration_days: validity.
+        loopback_gain: recorded value of a sample of 1.0.
+        calibrated_on: date.
+        calibration_days: validity period.
     """
 
     output_ms: Annotated[float, Field(ge=0, le=1000)]
@@ -323,8 +326,8 @@ class DeliveredRig(Confined):
     """How far a delivered stimulus may differ from the intended one.
 
     Attributes:
-        onset_ms: early or late, from when it was asked for.
-        contact_ms: early or late, from contact.
+        onset_ms: early or late, relative to the requested time.
+        contact_ms: early or late, relative to contact.
         gain_db: louder or softer.
         residual_db: unexplained power, relative to the waveform; for silence the loudest sample, relative to full
             scale.
@@ -343,7 +346,7 @@ class AudioRig(Confined):
         host_api: see `palpate devices`.
         device: see `palpate devices`.
         rate_hz: sampling rate.
-        block: frames of a period; with JACK the server's.
+        block: frames per period; with JACK the server's.
         channels: which channel is what.
         headphones: how loud the headphones are.
         latency: how late the device is.
@@ -370,14 +373,14 @@ UNCALIBRATED = date(2000, 1, 1)
 def check_age(calibrated: LatencyRig | HeadphonesRig, today: date) -> None:
     """Refuse, with a `RigError`, what was calibrated too long ago, or after today."""
     table, after = "headphones", ", and put the result into the rig file"
-    remedy: Remedy | str = f"measure the headphones' level anew{after}"
+    remedy: Remedy | str = f"measure the headphones' level again{after}"
     if isinstance(calibrated, LatencyRig):
         table, remedy = "latency", Remedy(f"run {{}}{after}", CALIBRATE_AUDIO, suffices=False)
     made, days = calibrated.calibrated_on, calibrated.calibration_days
     age = (today - made).days
-    got, allowed = f"a calibration of {made}, {age} days old on {today}", f"0 to {days} days"
+    got, allowed = f"a calibration from {made}, {age} days old on {today}", f"0 to {days} days"
     if made == UNCALIBRATED:
-        got, allowed = f"{made}, the date of a rig file that nobody has calibrated yet", "the day of a calibration"
+        got, allowed = f"{made}, the placeholder date of an uncalibrated rig file", "the date of a calibration"
     elif 0 <= age <= days:
         return
     raise RigError(f"audio.{table}", f"got {got}", remedy, allowed=allowed)
@@ -389,35 +392,37 @@ and the sole gives way."""
 
 
 NO_ACTUATOR = (
-    "a table [actuator], which every rig has; to calibrate a tracker before there is one, this line above the tables "
-    'will do: actuator = { driver = "pcm-tcp", address = "127.0.0.1:4711", rate_hz = 5000, full_scale_m_s2 = 1 }'
+    "an [actuator] table, which every rig needs; to calibrate a tracker without one, put this line above the tables: "
+    'actuator = { driver = "pcm-tcp", address = "127.0.0.1:4711", rate_hz = 5000, full_scale_m_s2 = 1 }'
 )
 """What a file without an actuator needs."""
 
 
 def _rig_rules(table: Any) -> Iterator[Broken]:
-    """`actuator.driver = "audio"` needs the table `[audio]`, at the same `rate_hz`.
+    """`actuator.driver = "audio"` needs the `[audio]` table, with the same `rate_hz`.
 
-    `[servo]` needs `[tracker]`, without `tracker.force`; every file of a format before 5 needs it, too.
+    `[servo]` needs `[tracker]`, without `tracker.force`; formats before 5 always need `[tracker]`.
 
-    One line of `triggers` at most has `driver = "lsl"`.
+    At most one of `[[triggers]]` has `driver = "lsl"`.
 
-    Only a simulated rig may say "rehearsal" for a port, an address or a device.
+    Only a simulated rig may have "rehearsal" as a port, address or device.
     """
     if table.get("actuator") is None:
         yield Broken(("actuator",), NO_ACTUATOR)
     yield from _audio_rules(table.get("actuator"), table.get("audio"))
     if table.get("tracker") is None:
         if table.get("servo") is not None:
-            yield Broken(("tracker",), "a table [tracker]: it follows the hand that [servo] pushes")
+            yield Broken(("tracker",), "a [tracker] table, to follow the hand that [servo] pushes")
         elif table.get("format") in (1, 2, 3, 4):
-            yield Broken(("tracker",), "a table [tracker], or format = 5 or later, which may leave it out")
+            yield Broken(("tracker",), "a [tracker] table; only format = 5 or later may omit it")
     if table.get("servo") is not None and isinstance(tracker := table.get("tracker"), dict) and tracker.get("force"):
-        yield Broken(("tracker", "force"), "no such table beside [servo]: a hand that is pushed has no weight")
+        yield Broken(
+            ("tracker", "force"), "no such table with [servo], because palpate records the force of a foot only"
+        )
     lines = table.get("triggers")
     drivers = [one.get("driver") for one in lines if isinstance(one, dict)] if isinstance(lines, list | tuple) else []
     if drivers.count(LSL) > 1:
-        yield Broken(("triggers",), f"one line with driver '{LSL}'")
+        yield Broken(("triggers",), f"at most one trigger line with driver '{LSL}'")
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
         return
@@ -431,14 +436,14 @@ def _audio_rules(actuator: Any, audio: Any) -> Iterator[Broken]:
     if not isinstance(actuator, dict) or actuator.get("driver") != "audio":
         return
     if audio is None:
-        yield Broken(("audio",), "a table [audio]: actuator.driver is 'audio'")
+        yield Broken(("audio",), "an [audio] table, because actuator.driver is 'audio'")
     elif isinstance(audio, dict) and audio.get("rate_hz") != actuator.get("rate_hz"):
-        allowed = f"audio.rate_hz ({audio.get('rate_hz')}): the actuator is a channel of it"
+        allowed = f"audio.rate_hz ({audio.get('rate_hz')}), because the actuator is an audio channel"
         yield Broken(("actuator", "rate_hz"), allowed)
 
 
 class Identity(Confined):
-    """What the rig is called, and whether it is simulated.
+    """The rig's name, and whether it is simulated.
 
     Attributes:
         name: of the rig.
@@ -453,14 +458,14 @@ Elsewhere = Annotated[
     str,
     Field(
         pattern=r"^(~/)?[^~\s]",
-        description="a path, from the folder of the rig file or, after ~/, from your home folder",
+        description="a path, relative to the rig file's folder or, after ~/, to your home folder",
     ),
     ONE_LINE,
 ]
 
 
 class AnchorsRig(Confined):
-    """Where sessions' ends are anchored outside the dataset.
+    """Where the end of each session is anchored outside the dataset.
 
     Attributes:
         file: the register, best on another disk or shared drive.
@@ -472,13 +477,13 @@ class AnchorsRig(Confined):
 
 
 class ContactorRig(Confined):
-    """What touches the skin, for the methods of a paper (ISO 13091-1 lists it for thresholds of vibration).
+    """The part that touches the skin, for a paper's methods (ISO 13091-1 requires it for vibration thresholds).
 
     Attributes:
-        part: what touches, and which part of the body.
-        area_mm2: of the contact.
-        gap_mm: from the contactor to its surround; without a surround, none.
-        static_force_n: with which the skin rests on it, where the apparatus sets it.
+        part: the contactor, and the part of the body.
+        area_mm2: contact area.
+        gap_mm: from the contactor to its surround; omit if there is no surround.
+        static_force_n: force of the skin on it, if the apparatus sets it.
     """
 
     part: Line
@@ -488,13 +493,13 @@ class ContactorRig(Confined):
 
 
 class StopsRig(Confined):
-    """Stops outside palpate: software is no safety function.
+    """Stops outside palpate: software is not a safety function.
 
     Attributes:
-        emergency: what cuts the power, and who reaches it.
+        emergency: what cuts the power, and who can reach it.
         limit: what the amplifier cannot exceed, and why.
-        tried_on: day both were tried.
-        tried_days: validity.
+        tried_on: date on which both were tested.
+        tried_days: validity period.
     """
 
     emergency: Line
@@ -513,12 +518,14 @@ def check_stops(rig: "Rig", peak_m_s2: float | None, today: date) -> None:
     needed: list[tuple[str, StopsRig | PedalRig | None]] = [("stops", rig.stops)] if strong or rig.servo else []
     needed += [("pedal", rig.pedal)] if rig.pedal is not None else []
     for table, tried in needed if not rig.rig.simulated else ():
-        got, allowed = "no table [stops]", "the emergency stop and the amplifier's own limit"
+        got, allowed = "no [stops] table", "the emergency stop and the amplifier's own limit"
         if tried is not None:
             got, allowed = f"{table}.tried_on = {tried.tried_on}", f"0 to {tried.tried_days} days before {today}"
             if 0 <= (today - tried.tried_on).days <= tried.tried_days:
                 continue
-        remedy = f"try {'it' if table == 'pedal' else 'both'}, and write the day into {table}.tried_on of the rig file"
+        remedy = (
+            f"test {'it' if table == 'pedal' else 'both'}, and write the date into {table}.tried_on in the rig file"
+        )
         raise RigError(f"rig '{rig.rig.name}'", f"got {got}", remedy, allowed=allowed)
 
 
@@ -526,7 +533,7 @@ class Rig(Confined):
     """A whole rig.
 
     Attributes:
-        format: the form of the file.
+        format: version of the file format.
         rig: what it is called.
         tracker: what follows the foot, where a kind of trial needs it.
         actuator: what shakes the panel.
@@ -591,15 +598,15 @@ class Rig(Confined):
 def needed(rig: Rig, name: str, table: Table | None, remedy: Remedy | str, why: str) -> Table:
     """Return a table of a rig; `RigError` with what to do and why, if the rig has none."""
     if table is None:
-        raise RigError(f"rig '{rig.rig.name}'", f"got no table [{name}]", remedy, allowed=f"one, {why}")
+        raise RigError(f"rig '{rig.rig.name}'", f"got no [{name}] table", remedy, allowed=f"one, {why}")
     return table
 
 
 def tracker_of(rig: Rig) -> TrackerRig:
     """Return the settings of the rig's tracker; `RigError` if the rig has none."""
     remedy, why = (
-        "name a rig file with a tracker, or add its table",
-        "because this needs to know where the foot or the hand is",
+        "use a rig file with a tracker, or add the table",
+        "because palpate needs the position of the foot or the hand",
     )
     return needed(rig, "tracker", rig.tracker, remedy, why)
 
@@ -619,8 +626,10 @@ def session_rig(path: Path, digest: str) -> Rig:
     rig = load(path)
     if sha256(rig) != digest:
         names = ", ".join(file.name for file in rig.driver_files)
-        beside = f" with {names} beside it" if names else ""
-        raise RigError(path, f"is not{beside} the rig that the session was run on", "restore the files from a backup")
+        beside = f" with its driver {names}" if names else ""
+        raise RigError(
+            path, f"is not the rig file{beside} that was used in the session", "restore the files from a backup"
+        )
     return rig
 
 
@@ -659,6 +668,6 @@ def check(rig: Rig, step: Step) -> None:
     heights = [point.mm for point in tracker_of(rig).calibration]
     lowest, highest = reach_mm(rig, step)
     if min(heights) > lowest or max(heights) < highest:
-        got = f"tracker.calibration reaches from {min(heights):g} to {max(heights):g} mm"
-        needs = f"this protocol needs {lowest:g} to {highest:g} mm, because readings are never extrapolated"
-        raise RigError(f"rig '{rig.rig.name}'", f"{got}; {needs}", "calibrate further")
+        got = f"tracker.calibration covers {min(heights):g} to {max(heights):g} mm"
+        needs = f"this protocol needs {lowest:g} to {highest:g} mm, because palpate never extrapolates"
+        raise RigError(f"rig '{rig.rig.name}'", f"{got}; {needs}", "calibrate a wider range")

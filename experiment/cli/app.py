@@ -86,7 +86,7 @@ def main() -> None:
     if sys.stderr is None:
         sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
     if sys.stdout is None:
-        tell("palpate: standard output is closed; open it, into /dev/null if nobody reads it")
+        tell("palpate: standard output is closed; open it, or redirect it to /dev/null")
         sys.exit(PalpateError.exit_code)
     with redirect_stdout(cast("TextIO", _Door(sys.stdout))), redirect_stderr(cast("TextIO", _Door(sys.stderr))):
         _run()
@@ -118,17 +118,17 @@ def _run() -> None:
         tell(f"palpate: {where}{error.strerror or error}; {storage.remedy(error)}, then run the command again")
         raise SystemExit(2) from None
     except MemoryError:
-        tell("palpate: this takes more memory than there is; give smaller files or numbers, or close other programs")
+        tell("palpate: not enough memory; use smaller files or numbers, or close other programs")
         raise SystemExit(2) from None
     except RecursionError:
-        tell("palpate: what was given is nested too deeply to be read; mend that, then run the command again")
+        tell("palpate: the input is nested too deeply to read; simplify it, then run the command again")
         raise SystemExit(2) from None
     except Exception as error:
         if was_interrupted(error):
             raise KeyboardInterrupt from None
         if isinstance(error, ModuleNotFoundError) and f"{error.name}.".startswith("palpate."):
             # A part of the source that no other part needs may be left out.
-            tell(f"palpate: this installation has no {error.name}; install palpate with all of its parts")
+            tell(f"palpate: {error.name} is not installed; install palpate with all of its parts")
             raise SystemExit(PalpateError.exit_code) from None
         if isinstance(error, RuntimeError) and "Symlink loop" in str(error):
             # So Python tells of a link that leads to itself before 3.13.
@@ -145,4 +145,4 @@ def _reported(error: Exception) -> str:
 
     with tempfile.NamedTemporaryFile("w", prefix="palpate-", suffix=".txt", delete=False, encoding="utf-8") as file:
         traceback.print_exception(error, file=file)
-    return f"a fault in palpate itself ({type(error).__name__}); nothing on disk was lost; please report {file.name}"
+    return f"an error in palpate itself ({type(error).__name__}); nothing on disk was lost; please report {file.name}"

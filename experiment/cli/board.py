@@ -27,37 +27,42 @@ def amend(
         Literal["old", "session", "new"] | None,
         typer.Option(
             "--in-progress",
-            help="Which version somebody who has begun finishes: the old one for all tasks (old), the old one for the "
-            "session under way and the new one for further tasks (session), or no trial of the old one (new).",
+            help="Version with which participants who have begun will finish: the old one for all tasks (old), the "
+            "old one for the current session and the new one for later tasks (session), or only the new one (new).",
         ),
     ] = None,
     reconsent: Annotated[
         Literal["everybody", "nobody"] | None,
-        typer.Option("--reconsent", help="Who of those who go on under the new version must consent to it first."),
+        typer.Option(
+            "--reconsent", help="Whether participants who continue under the new version must consent to it first."
+        ),
     ] = None,
     from_on: Annotated[date | None, _day("--from", "First day of the approval [default: today].")] = None,
     suspended_on: Annotated[date | None, _day("--suspended-on", "The board suspends the study from this day.")] = None,
     lifted_on: Annotated[date | None, _day("--lifted-on", "The board lifts the suspension on this day.")] = None,
     ended_on: Annotated[date | None, _day("--ended-on", "The board ends the study on this day.")] = None,
     reason: Annotated[
-        str | None, typer.Option("--reason", help="Why it is suspended, lifted or ended: one line, no names.")
+        str | None,
+        typer.Option("--reason", help="Reason for suspending, resuming or ending the study: one line, no names."),
     ] = None,
     page_file: Annotated[
-        Path | None, typer.Option("--html", metavar="FILE.html", help="Write the page of changes as HTML.")
+        Path | None, typer.Option("--html", metavar="FILE.html", help="Write the list of changes as HTML.")
     ] = None,
     dataset: StudyFolder = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Record it without being asked, as in a script.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Record without asking for confirmation, e.g., in a script.")
+    ] = False,
 ) -> None:
-    """Record an amendment, a renewal or a suspension of a study, or its end.
+    """Record a study's amendment, renewal, suspension or end.
 
-    The board approved another version, or the same one for longer: seal it beside its file (`palpate seal --replace`),
-    then run this command. It shows old and new side by side and asks before it records anything. The dataset keeps all
-    versions and seals, labels and orders of tasks stay as drawn, and `palpate run` then allows each participant only
-    the version that covers them.
+    When the board has approved a new version, or renewed the same one, seal it next to its file (`palpate seal
+    --replace`), then run this command. It shows old and new side by side and asks before it records anything. The
+    dataset stores all versions and seals. Labels and orders of tasks do not change. `palpate run` then allows each
+    participant only the version that covers them.
 
-    With --suspended-on, --lifted-on or --ended-on, and --reason, it records that the board suspended the study, lifted
-    the suspension, or ended the study. Nobody is run or enrolled while it is suspended, and never after its end, which
-    cannot be undone: the command asks before it records that.
+    With --suspended-on, --lifted-on or --ended-on, and --reason, the command records that the board suspended the
+    study, lifted the suspension, or ended the study. While a study is suspended, nobody can be run or enrolled.
+    After its end, nobody ever can. The end cannot be undone, so the command asks before recording it.
     """
     from palpate.experiment.dataset import checks
     from palpate.experiment.study import amendment, enrolment
@@ -71,17 +76,17 @@ def amend(
         raise RosterError(what)
     if given:
         if {in_progress, reconsent, from_on, page_file} != {None}:
-            what = "got --in-progress, --reconsent, --from or --html beside a suspension, its lift or an end"
-            raise RosterError(what, remedy="leave them out: they are of an amendment or a renewal")
+            what = "got --in-progress, --reconsent, --from or --html with --suspended-on, --lifted-on or --ended-on"
+            raise RosterError(what, remedy="leave them out: they apply to an amendment or a renewal")
         ((kind, on),) = given
         if kind != "suspended":
             checks.load_sound(root)
         if kind == "ended" and not yes:
-            asked = f"This ends the study from {on} on, for good: no session is run, and nothing lifts it."
+            asked = f"This permanently ends the study as of {on}: no more sessions can run. It cannot be undone."
             options.confirm(asked, "end", "nothing was recorded")
         words = {"suspended": "suspended", "lifted": "no longer suspended", "ended": "ended"}[kind]
         path = amendment.stop(protocol_file, kind, on, reason or "", root=root)  # type: ignore[arg-type]
-        typer.echo(f"The study is {words} from {on} on: {path}")
+        typer.echo(f"The study is {words} as of {on}: {path}")
         _follow_up(root)
         return
     checks.load_sound(root)
@@ -91,8 +96,11 @@ def amend(
     )
     renewal = _show(protocol_file, root, page_file)
     if not renewal and (in_progress is None or reconsent is None):
-        what = "this is an amendment, and the board decides how those who have begun finish and who consents again"
-        words = "choose as its letter says (old, session or new; everybody or nobody): {}"
+        what = (
+            "this is an amendment: the board decides how participants who have begun will finish, and who must consent "
+            "again"
+        )
+        words = "choose as in the board's letter (old, session or new; everybody or nobody): {}"
         chosen = ("--in-progress", in_progress or "WHICH", "--reconsent", reconsent or "WHO", "--dataset", str(root))
         command = ("palpate", "amend", str(protocol_file), *chosen)
         raise RosterError(what, remedy=Remedy(words, command, suffices=False))
@@ -124,10 +132,10 @@ def _show(protocol_file: Path, root: Path, page_file: Path | None) -> bool:
     if renewed is None:
         typer.echo(changes.text(old, new))
     elif renewed == known.version_on(date.max):
-        typer.echo("A renewal: no field of the protocol changes.")
+        typer.echo("A renewal: no fields of the protocol change.")
     else:
-        typer.echo(f"A renewal of the version of approval {renewed}, for those alone who go on under it.")
-    typer.echo("\n".join(["Adverse events and deviations:", *(incidents or ["none on record"])]))
+        typer.echo(f"A renewal of approval {renewed}, only for participants who continue under its version.")
+    typer.echo("\n".join(["Adverse events and deviations:", *(incidents or ["none recorded"])]))
     return renewed is not None
 
 
@@ -136,49 +144,58 @@ def _tell_consent(protocol_file: Path, root: Path, on: date) -> None:
 
     _, roster, known = amendment.known_approvals(protocol_file, root)
     if who := amendment.to_reconsent(root, known, roster, on):
-        typer.echo(f"Must consent again before their next session: {', '.join(who)} (palpate consent)")
+        typer.echo(f"Participants who must consent again before their next session (palpate consent): {', '.join(who)}")
 
 
 @commands.command(epilog="Example: palpate incident study.toml --adverse 'a fall' --done 'the session was ended' -p 03")
 def incident(
     protocol_file: ProtocolFile,
-    adverse: Annotated[str | None, typer.Option("--adverse", help="What happened: an adverse event.")] = None,
+    adverse: Annotated[str | None, typer.Option("--adverse", help="Record an adverse event: what happened.")] = None,
     deviation: Annotated[
-        str | None, typer.Option("--deviation", help="What happened: a deviation from the protocol.")
+        str | None, typer.Option("--deviation", help="Record a deviation from the protocol: what happened.")
     ] = None,
     done: Annotated[str | None, typer.Option("--done", help="What was done.")] = None,
     on: Annotated[date | None, _day("--on", "The day on which it happened [default: today].")] = None,
     informed_on: Annotated[date | None, _day("--informed-on", "The day on which the board was informed.")] = None,
     number: Annotated[
-        int | None, typer.Option("--number", min=1, help="An incident on record, of which the board was informed now.")
+        int | None,
+        typer.Option("--number", min=1, help="Number of an incident of which the board has now been informed."),
     ] = None,
     participant: Annotated[
         str | None,
-        typer.Option("--participant", "-p", help="Whose latest session gets a note; the incident itself names nobody."),
+        typer.Option(
+            "--participant",
+            "-p",
+            help="Participant whose latest session gets a note; the incident itself does not contain the label.",
+        ),
     ] = None,
     person: Annotated[
         str | None,
         typer.Option(
-            "--took-part", metavar="TASK=LABEL", help="Who took part in the session of a task under --participant."
+            "--took-part",
+            metavar="TASK=LABEL",
+            help="Person who actually took part in that task, recorded under --participant.",
         ),
     ] = None,
     exchanged: Annotated[
         bool,
-        typer.Option("--exchanged", help="With --took-part: each of the two did that task under the other's label."),
+        typer.Option(
+            "--exchanged", help="With --took-part: the two participants did that task under each other's labels."
+        ),
     ] = False,
     dataset: StudyFolder = None,
 ) -> None:
     """Record an adverse event or a deviation from the protocol.
 
-    Without options, all are listed. Each is one line of the roster, which nothing deletes: what happened and when, what
-    was done, and when the board was informed. It names nobody. With --participant the journal of their latest session
-    notes its number, and goes with their data. During a session the console does the same. `palpate status`, `palpate
-    amend` and the report list all.
+    Without options, the command lists all of them. Each is one permanent line of the roster: what happened and
+    when, what was done, and when the board was informed. It contains no label. With --participant, the journal of
+    their latest session notes the number; the note is erased with their data. During a session, use the console
+    instead. `palpate status`, `palpate amend` and the report list all incidents.
 
-    A session under the wrong label is a deviation: with --participant (its label) and --took-part (its task, and the
-    label of whoever took part). The session keeps its label and order; the analysis counts it for the
-    person who really took part, and says so. Who then lacks that task gives up their own label (`palpate withdraw`) and
-    gets a new one (`palpate enrol`), to which --took-part moves sessions of their own.
+    A session under the wrong label is a deviation: use --participant (its label) and --took-part (its task, and the
+    label of the person who took part). The session keeps its label and order. The analysis counts it for the person
+    who really took part, and reports this. If the other person then lacks that task, withdraw their label (`palpate
+    withdraw`), enroll them again (`palpate enrol`), and move their own sessions to the new label with --took-part.
     """
     from palpate.experiment import storage
     from palpate.experiment.dataset import checks
@@ -194,7 +211,7 @@ def incident(
     given = (len(told), done is not None, number is not None, informed_on is not None)
     if given == (0, False, False, False):
         known = Roster.load(storage.roster_path(root)).incidents
-        typer.echo("\n".join(one.sentence for one in known) or "Nothing is on record.")
+        typer.echo("\n".join(one.sentence for one in known) or "No incidents are recorded.")
         return
     if number is not None and informed_on is not None and given[:2] == (0, False):
         typer.echo(incidents.inform(root, number, informed_on).sentence)
@@ -208,7 +225,7 @@ def incident(
         )
         typer.echo(made.sentence)
         if participant is not None:
-            text = f"{made.kind.capitalize()} {made.number} of the roster."
+            text = f"{made.kind.capitalize()} {made.number} is in the roster."
             _note_incident(root, protocol_file, participant, took_part, text)
     else:
         what = "give --adverse or --deviation with --done, or --number with --informed-on, or none of them"
@@ -256,7 +273,7 @@ def _note_incident(root: Path, protocol_file: Path, participant: str, took_part:
         told = (False, "")
         options.say(error.sentence())
     which = "that session" if task else "their latest session"
-    typer.echo(f"The journal of {which} notes it." if told[0] else "No session of theirs can take a note.")
+    typer.echo(f"A note was added to the journal of {which}." if told[0] else "No note was added to a journal.")
 
 
 def _follow_up(root: Path) -> None:
@@ -269,8 +286,8 @@ def _follow_up(root: Path) -> None:
             build.build(root)
         _tell_anchor(root)
     except PalpateError as error:
-        what = "the line of the roster is on record and is not to be given again, but tables and anchor were not made"
-        mend = Remedy("mend that, then run {}", ("palpate", "build", str(root)), suffices=False)
+        what = "the entry is in the roster, so do not record it again, but the tables and the anchor were not made"
+        mend = Remedy("solve that problem, then run {}", ("palpate", "build", str(root)), suffices=False)
         raise error.followed_by(DatasetError(root, what, mend)) from error
 
 
@@ -283,15 +300,16 @@ def _tell_anchor(root: Path) -> None:
 @commands.command(epilog="Example: palpate share participants/study study-shared")
 def share(
     dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the copy, which must not exist.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the copy; it must not exist yet.")],
 ) -> None:
-    """Write a copy of a dataset for others, of those who agreed.
+    """Write a copy of a dataset to share, containing only participants who agreed.
 
-    It has the participants who agreed to sharing (`palpate consent --sharing`), if the protocol has a table [sharing].
-    Labels are drawn anew and times count from the beginning of each session. Journals, voices, days of sessions, notes
-    and typed reasons are left out, and so are stimuli without a file stimuli/LICENSE. The size of the smallest group of
-    participants with the same first task, group and version is printed; a smaller one than the protocol allows
-    is refused. The copy is a BIDS derivative that `palpate verify` and `palpate analyse` read.
+    Participants agree with `palpate consent --sharing`, and the protocol must have a [sharing] table. Labels are
+    new and random, and times count from the beginning of each session. Journals, voice recordings, session dates,
+    notes and typed reasons are left out, and so are stimuli without a file stimuli/LICENSE. The command prints the
+    size of the smallest group of participants with the same first task, group and version. It refuses a group
+    smaller than the protocol allows. The copy is a BIDS derivative that `palpate verify` and `palpate analyse` can
+    read.
     """
     from palpate.experiment import storage
     from palpate.experiment.dataset.outside import sharing

@@ -18,12 +18,12 @@ GUIDES = {
     "questions": ("palpate/guide/questions.md", "24 questions, answered"),
     "limits": ("palpate/guide/limits.md", "what palpate does not do"),
     "coming": ("palpate/guide/coming.md", "coming from PsychoPy, jsPsych or OpenSesame"),
-    "devices": ("palpate/guide/devices.md", "drivers of your own, and what twelve kinds of device need"),
+    "devices": ("palpate/guide/devices.md", "your own drivers, and the needs of twelve kinds of devices"),
     "studies": ("protocols/README.md", "protocols, boards, visits, practice: a study step by step"),
-    "examples": ("protocols/studies.md", "what the shipped studies answer"),
-    "keys": ("protocols/keys.md", "every key of a protocol and a rig"),
-    "rigs": ("experiment/apparatus/README.md", "devices: building, wiring, calibrating, drivers of your own"),
-    "firmware": ("experiment/apparatus/firmware/README.md", "a tracker from an Arduino"),
+    "examples": ("protocols/studies.md", "the questions that the shipped studies answer"),
+    "keys": ("protocols/keys.md", "every key of a protocol or rig file"),
+    "rigs": ("experiment/apparatus/README.md", "devices: building, wiring, calibrating, your own drivers"),
+    "firmware": ("experiment/apparatus/firmware/README.md", "an Arduino as a tracker"),
     "datasets": ("participants/README.md", "datasets, imports, withdrawal, sharing"),
     "analysis": ("analysis/README.md", "tables, power, notebooks"),
     "papers": ("analysis/published/README.md", "auditing printed numbers"),
@@ -38,7 +38,7 @@ def guide(name: str) -> Path:
     """Return the file of a guide, in a checkout or a wheel. Raises `PalpateError` for an unknown or missing one."""
     if name not in GUIDES:
         raise PalpateError(
-            "palpate docs", f"got '{name}'", "run `palpate docs` for a list of them", allowed=", ".join(GUIDES)
+            "palpate docs", f"got '{name}'", "run `palpate docs` for the list", allowed=", ".join(GUIDES)
         )
     told, _ = GUIDES[name]
     shipped = told.removeprefix("palpate/").replace("protocols/", "experiment/shipped/")
@@ -50,18 +50,20 @@ def guide(name: str) -> Path:
 
 @commands.command(epilog="Example: palpate docs rigs")
 def docs(
-    name: Annotated[str | None, typer.Argument(metavar="[GUIDE]", help="Its name, as listed without one.")] = None,
-    path: Annotated[bool, typer.Option("--path", help="Print where its file is, for an editor or a browser.")] = False,
+    name: Annotated[str | None, typer.Argument(metavar="[GUIDE]", help="Name of a guide [default: list them].")] = None,
+    path: Annotated[
+        bool, typer.Option("--path", help="Print the path of the guide's file, for an editor or a browser.")
+    ] = False,
 ) -> None:
     """Show a guide, or list the guides that come with palpate.
 
-    At a terminal a guide opens in the pager, where q closes it. Into a file or a pipe it is written as Markdown.
+    In a terminal, a guide opens in the pager; press q to close it. In a file or a pipe, it is Markdown.
     """
     import sys
 
     if name is None:
         told = [f"  {one:10}{guide(one) if path else about}" for one, (_, about) in GUIDES.items()]
-        options.put("\n".join(told if path else ["Guides; `palpate docs NAME` shows one:", *told]))
+        options.put("\n".join(told if path else ["Guides (`palpate docs NAME` shows one):", *told]))
         return
     file = guide(name)
     if path:

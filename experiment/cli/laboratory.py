@@ -32,14 +32,14 @@ def _answers() -> None:
 
 Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")]
 ConsentOn = Annotated[
-    date | None, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
+    date | None, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Date on which consent was given.")
 ]
-Sharing = Annotated[
-    bool | None, typer.Option("--sharing/--no-sharing", help="Whether their data may be shared [protocol: [sharing]].")
-]
+Sharing = Annotated[bool | None, typer.Option("--sharing/--no-sharing", help="Whether their data may be shared.")]
 Fact = Annotated[
     list[str] | None,
-    typer.Option("--fact", metavar="ID=ANSWER", help="What they tell of themselves, as the protocol asks."),
+    typer.Option(
+        "--fact", metavar="ID=ANSWER", help="An answer to one of the protocol's questions about the participant."
+    ),
 ]
 
 
@@ -53,8 +53,8 @@ def _check_roster(protocol_file: Path, dataset: Path | None, *, pilot: bool = Fa
     last_ns = checks.check_roster(dataset or enrolment.default_root(files.load(protocol_file), pilot=pilot))
     if wall_ns() < last_ns:
         typer.echo(
-            f"palpate: this machine's clock ({day(wall_ns())}) is behind the roster's last line ({day(last_ns)}): "
-            "one of the two is wrong; set the clock before you go on",
+            f"palpate: this computer's clock ({day(wall_ns())}) is earlier than the roster's last line "
+            f"({day(last_ns)}). Either the clock or the roster is wrong; check the clock before you continue",
             err=True,
         )
 
@@ -68,26 +68,26 @@ def enrol(
     seed: Annotated[
         int | None,
         typer.Option(
-            "--seed", min=0, max=options.LARGEST_SEED, help="Seed of the study's random draws [default: a random one]."
+            "--seed", min=0, max=options.LARGEST_SEED, help="Seed for the study's random draws [default: a random one]."
         ),
     ] = None,
     pilot: Annotated[
         bool,
         typer.Option(
             "--pilot",
-            help="Begin the dataset of a pilot, no data of the study [default folder: participants/STUDY-pilot].",
+            help="Start a pilot dataset, separate from the study's data [default folder: participants/STUDY-pilot].",
         ),
     ] = False,
     sharing: Sharing = None,
     fact: Fact = None,
 ) -> None:
-    """Enrol the next participant of a study.
+    """Enroll the next participant of a study.
 
-    The first one begins the dataset. Whether it is that of a pilot is settled then; later commands find a pilot by
-    --dataset. Once all are enrolled whom the study plans, each further one takes the place of somebody who withdrew
-    before completing, in the same order of tasks.
+    Enrolling the first participant creates the dataset and determines whether it is a pilot. Later commands find a
+    pilot by --dataset. When all planned participants are enrolled, each further one replaces somebody who withdrew
+    before completing, with the same order of tasks.
 
-    What the protocol asks of participants ([[asked.people]]) is given with --fact, or asked at a terminal.
+    Give the answers to the protocol's questions ([[asked.people]]) with --fact, or answer them in the terminal.
     """
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.protocol import files
@@ -129,9 +129,9 @@ def _ask_facts(protocol_file: Path, fact: list[str], kept: Mapping[str, object])
     if given or not (sys.stdin.isatty() and sys.stdout.isatty()):
         return given
     if known := [f"{name}={value}" for name, value in kept.items() if value is not None]:
-        options.say(f"On record, to be corrected with --fact: {', '.join(known)}")
+        options.say(f"Already recorded (to correct, use --fact): {', '.join(known)}")
     for one in (one for one in facts.facts(protocol) if kept.get(one.id) is None):
-        while typed := options.ask(f"{one.question} ({one.allowed}; nothing for no answer) "):
+        while typed := options.ask(f"{one.question} ({one.allowed}; Enter for no answer) "):
             try:
                 one.read(typed)
                 given[one.id] = typed
@@ -149,7 +149,7 @@ def _record_facts(protocol_file: Path, participant: str, given: dict[str, str], 
     from palpate.experiment.study.people import facts
 
     path = facts.record(protocol_file, participant, given, root=root)
-    typer.echo(f"What participant {participant} told of themselves is on record: {path}")
+    typer.echo(f"The answers of participant {participant} have been recorded: {path}")
     if storage.journals(root):
         datasets.build(root)
 
@@ -158,10 +158,11 @@ def _record_facts(protocol_file: Path, participant: str, given: dict[str, str], 
 def facts(
     protocol_file: ProtocolFile, participant: Participant, fact: Fact = None, dataset: StudyFolder = None
 ) -> None:
-    """Record what a participant tells of themselves, or correct it.
+    """Record or correct a participant's answers about themselves.
 
-    The protocol says what is asked ([[asked.people]]). The answers stand in a file of the participant's own and in
-    participants.tsv; the roster has a hash with a salt, which goes with the file. A withdrawal deletes all of them.
+    The protocol lists the questions ([[asked.people]]). The answers are stored in a separate file for each
+    participant and in participants.tsv. The roster stores only a salted hash, and the salt is deleted with the
+    file. A withdrawal deletes all of them.
     """
     from palpate.experiment import storage
     from palpate.experiment.study import enrolment
@@ -173,7 +174,7 @@ def facts(
     kept = facts.answers(root, Roster.load(storage.roster_path(root)), participant)
     given = _ask_facts(protocol_file, fact or [], kept)
     if not given:
-        raise RosterError("got no --fact", remedy="give one for each answer", allowed="--fact ID=ANSWER")
+        raise RosterError("--fact is missing", remedy="give one for each answer", allowed="--fact ID=ANSWER")
     _record_facts(protocol_file, participant, given, root)
 
 
@@ -184,9 +185,9 @@ def _record_sharing(protocol_file: Path, participant: str, agreed: bool | None, 
     if agreed is None:
         return
     shared_on = enrolling.sharing(protocol_file, participant, agreed, root=dataset)
-    typer.echo(f"Participant {participant} {'agrees' if agreed else 'does not agree'} that their data are shared.")
+    typer.echo(f"Participant {participant} {'agrees' if agreed else 'does not agree'} to have their data shared.")
     if shared_on is not None and not agreed:
-        typer.echo(f"Their data were shared on {shared_on}. What was given out then cannot be taken back.")
+        typer.echo(f"Their data were shared on {shared_on}. Copies shared then cannot be recalled.")
 
 
 @commands.command(epilog="Example: palpate consent study.toml --participant 01 --consent-on 2026-05-04")
@@ -196,40 +197,43 @@ def consent(
     consent_on: ConsentOn = None,
     dataset: StudyFolder = None,
     correct: Annotated[
-        bool, typer.Option("--correct", help="Correct the recorded day; the earlier one stays in the roster.")
+        bool, typer.Option("--correct", help="Correct the recorded date; the roster still shows the earlier one.")
     ] = False,
     reason: Annotated[
-        str | None, typer.Option("--reason", help="Why it is corrected: one line that names no person.")
+        str | None, typer.Option("--reason", help="Reason for the correction: one line without names.")
     ] = None,
     voices: Annotated[
-        bool | None, typer.Option("--voices/--no-voices", help="Whether the sound of their answers may be kept.")
+        bool | None,
+        typer.Option("--voices/--no-voices", help="Whether recordings of their spoken answers may be stored."),
     ] = None,
     sharing: Sharing = None,
 ) -> None:
     """Record the consent of an enrolled participant.
 
-    It is to the version in PROTOCOL: the new text of an amendment on record may be signed before its first day.
+    It covers the version in PROTOCOL. Participants can sign the text of a recorded amendment before its first day.
 
-    With --correct and --reason another day takes the place of the one on record, which stays in the roster. In a study
-    that keeps the sound of spoken answers, --voices records that a participant agrees to that, and --no-voices that
-    they do not: what was kept of it is then deleted. Copies and backups have to be deleted by hand.
-    In a study that shares data, --sharing records that a participant agrees to that, and --no-sharing that they do not.
+    With --correct and --reason, a new date replaces the recorded one, which remains in the roster. In a study that
+    records spoken answers, --voices records that a participant agrees to this, and --no-voices that they do not;
+    any stored recordings are then deleted. Delete copies and backups by hand. In a study that shares data,
+    --sharing records that a participant agrees to this, and --no-sharing that they do not.
     """
     from palpate.experiment.study import enrolment
 
     if correct != (reason is not None):
         raise RosterError(
-            "got one of --correct and --reason", remedy="say why the day is corrected", allowed="both or neither"
+            "got only one of --correct and --reason",
+            remedy="give a reason for the correction",
+            allowed="both or neither",
         )
     if consent_on is None and voices is None and sharing is None:
         raise RosterError(
-            "got no --consent-on", remedy="give one of them", allowed="the day, --[no-]voices or --[no-]sharing"
+            "got nothing to record", remedy="give one of them", allowed="the date, --[no-]voices or --[no-]sharing"
         )
     _check_roster(protocol_file, dataset)
     if voices is not None:
         path = enrolment.voices(protocol_file, participant, voices, root=dataset)
         agreed = "agrees" if voices else "does not agree"
-        typer.echo(f"Participant {participant} {agreed} that the sound of their answers is kept: {path}")
+        typer.echo(f"Participant {participant} {agreed} to have their spoken answers recorded: {path}")
     _record_sharing(protocol_file, participant, sharing, dataset)
     if consent_on is None:
         return
@@ -242,15 +246,15 @@ def consent(
 def person(
     protocol_file: ProtocolFile,
     participant: Participant,
-    show: Annotated[bool, typer.Option("--show", help="Show what is known of them.")] = False,
-    forget: Annotated[bool, typer.Option("--forget", help="Delete what is known of them.")] = False,
+    show: Annotated[bool, typer.Option("--show", help="Show the stored name and contact.")] = False,
+    forget: Annotated[bool, typer.Option("--forget", help="Delete the stored name and contact.")] = False,
     dataset: StudyFolder = None,
 ) -> None:
-    """Ask for a participant's name, and store it outside of every dataset.
+    """Store a participant's name outside all datasets.
 
-    A study needs no names. Where a lab wants them, they stand in one file of yours that only you may read, and no
-    dataset, journal or table holds any. The name is typed at the question, so that neither the list of processes nor
-    the shell's history shows it. `palpate run` asks by the name whether it is they, and `palpate withdraw` deletes it.
+    A study needs no names. If a lab wants them, they are stored in one file that only you may read. No dataset,
+    journal or table contains any. Type the name when asked, so that it does not appear in the process list or the
+    shell history. `palpate run` uses the name to ask who is present, and `palpate withdraw` deletes it.
     """
     from palpate.experiment.protocol import files
     from palpate.experiment.study import enrolment, people
@@ -263,27 +267,31 @@ def person(
         raise RosterError("got --forget with --show", allowed="one of them")
     if forget:
         known = keeping.forget(protocol, root, participant)
-        typer.echo(f"Participant {participant}: {'what was known is deleted' if known else 'nothing was known'}.")
+        typer.echo(
+            f"Participant {participant}: {'name and contact have been deleted' if known else 'nothing was stored'}."
+        )
         _tell_other_names(protocol_file, root, known)
     elif show:
         known = old != people.Person()
-        told = f"{old.name or 'no name'}, {old.contact or 'no contact'}" if known else "nothing is known"
+        told = f"{old.name or 'no name'}, {old.contact or 'no contact'}" if known else "nothing is stored"
         typer.echo(f"Participant {participant}: {told}")
         _tell_other_names(protocol_file, root, known)
     else:
         name = options.ask("Their name (leave it empty to change nothing): ") or old.name
-        contact = options.ask("How they are reached (leave it empty to change nothing): ") or old.contact
+        contact = (
+            options.ask("Their contact, such as a phone number (leave it empty to change nothing): ") or old.contact
+        )
         try:
             new = people.Person(name=name, contact=contact)
         except ValueError:
             raise RosterError(
-                "got a name or a contact that is no line of text", allowed="one line of visible text"
+                "the name or the contact is not a single line of text", allowed="one line of visible text"
             ) from None
         if new == people.Person():
             raise RosterError(
-                "got neither a name nor a contact", remedy="nothing was stored", allowed="one of them or both"
+                "got neither a name nor a contact", remedy="nothing was stored", allowed="one or both of them"
             )
-        typer.echo(f"Participant {participant} is kept in {keeping.keep(protocol, root, participant, new)}")
+        typer.echo(f"Participant {participant} is stored in {keeping.keep(protocol, root, participant, new)}")
 
 
 def _tell_other_names(protocol_file: Path, root: Path, known: bool) -> None:
@@ -294,9 +302,9 @@ def _tell_other_names(protocol_file: Path, root: Path, known: bool) -> None:
 
     if known:
         return
-    typer.echo(f"{people.folder()} has no name of this participant for the dataset {root}.")
+    typer.echo(f"{people.folder()} does not contain a name for this participant in the dataset {root}.")
     if others := keeping.others(files.load(protocol_file), root):
-        typer.echo("Look for it in the study's other files of names, and delete it there by hand:")
+        typer.echo("Look in the study's other name files, and delete the name there by hand:")
     for path in others:
         typer.echo(f"  {path}")
 
@@ -306,18 +314,18 @@ def schedule(
     protocol_file: ProtocolFile,
     participant: Participant,
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed of an example [default: 1].")
+        int | None, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed for an example [default: 1].")
     ] = None,
     dataset: StudyFolder = None,
     reveal: Annotated[
-        bool, typer.Option("--reveal", help="Show what is concealed; the roster says so from then on.")
+        bool, typer.Option("--reveal", help="Show the concealed order; the roster records that you looked.")
     ] = False,
     as_json: Json = False,
 ) -> None:
     """Print the trials of one participant, in order.
 
-    Once somebody is enrolled, the order is the study's own, and each task of it is concealed until its session has
-    begun. Before, it is an example of another seed.
+    Once somebody is enrolled, this is the study's real order, and each task is concealed until its session has
+    begun. Before that, it is an example with a different seed.
     """
     from palpate.experiment import storage
     from palpate.experiment.clock import day, wall_ns
@@ -332,9 +340,11 @@ def schedule(
     root = dataset or enrolment.default_root(protocol)
     own = storage.seed_path(root).exists()
     if own and seed is not None:
-        raise RosterError(f"got --seed, and the study in {root} has one of its own", remedy="leave out --seed")
+        raise RosterError(f"got --seed, but the study in {root} has its own seed", remedy="leave out --seed")
     if not own and (dataset or reveal):
-        raise RosterError(root, "holds no seed of a study, so nothing is concealed", "leave out --dataset and --reveal")
+        raise RosterError(
+            root, "does not contain a study's seed, so nothing is concealed", "leave out --dataset and --reveal"
+        )
     drawn = enrolment.seed_for(root, protocol_file, protocol, None, None) if own else 1 if seed is None else seed
     known = roster.Roster.load(storage.roster_path(root)) if own else roster.Roster(root)
     allocation = find_allocation(allocated(protocol, drawn, known.takes), participant)
@@ -357,8 +367,8 @@ def schedule(
         options.put({"participant": participant, "seed": None if own else drawn, "example": not own, "tasks": tasks})
         return
     for position, one in enumerate(orders, start=1):
-        told = one[0] if one else "concealed until its session begins (--reveal shows it, and the roster says so)"
-        example = "" if own else f" (an example, of seed {drawn}: not the order of the study)"
+        told = one[0] if one else "concealed until the session begins (--reveal shows it, and the roster records that)"
+        example = "" if own else f" (an example with seed {drawn}, not the study's order)"
         typer.echo(f"Participant {participant}, task {position}: {told}{example}")
         for planned in one[1] if one else ():
             typer.echo(f"{planned.trial:4d}  {' and '.join(planned.presented)}")
@@ -373,7 +383,7 @@ def rehearse(
         ),
     ] = None,
     participants: Annotated[
-        int | None, typer.Option("--participants", min=1, help="How many participants [default: all of the study].")
+        int | None, typer.Option("--participants", min=1, help="Number of participants [default: all in the study].")
     ] = None,
     seed: Seed = 1,
     out: Annotated[
@@ -385,31 +395,31 @@ def rehearse(
     ] = None,
     panel: Annotated[
         Path | None,
-        options.file_option("--panel", "File of modes of a simulated panel [default: one without a phase]."),
+        options.file_option("--panel", "Modes file for a simulated panel [default: a panel without phase]."),
     ] = None,
     control: Annotated[
         Literal["none", "silence", "heard"],
         typer.Option(
             "--control",
-            help="'silence' replaces every stimulus with zeros; with 'heard' the participants of a control task know "
-            "its stimuli by their sound.",
+            help="'silence' replaces every stimulus with zeros; with 'heard', participants in a control task recognize "
+            "stimuli by their sound.",
         ),
     ] = "none",
     jobs: Annotated[
-        int, typer.Option("--jobs", min=0, help="How many participants at a time; 0 means one for each core.")
+        int, typer.Option("--jobs", min=0, help="Number of participants to simulate at a time; 0 means one per core.")
     ] = 0,
-    real_time: Annotated[bool, typer.Option("--real-time", help="Run by the wall clock, and show each trial.")] = False,
+    real_time: Annotated[bool, typer.Option("--real-time", help="Run in real time, and show each trial.")] = False,
     as_json: Json = False,
 ) -> None:
     """Run a whole study with simulated participants.
 
-    In a REHEARSAL a simulated foot is measured through a real serial port, and a simulated observer judges what the
-    actuator was sent; or a simulated participant taps and compares simulated surfaces. The answers go into the journal,
-    and the tables are made from the dataset on disk, with figures for the report; `palpate analyse` draws them as PNG
-    too. To continue a rehearsal that was interrupted, run the same command again.
+    In a REHEARSAL, a simulated foot is measured through a real serial port, and a simulated observer judges the
+    signal sent to the actuator; or a simulated participant taps and compares simulated surfaces. The answers go
+    into the journal. The tables are made from the dataset on disk, with figures for the report; `palpate analyse`
+    also draws them as PNG. To continue an interrupted rehearsal, run the same command again.
     """
     if not as_json:
-        options.at_once("REHEARSAL: the simulated laboratory is being set up ...")
+        options.at_once("REHEARSAL: setting up the simulated laboratory ...")
     from palpate.experiment.protocol import files
 
     file = protocol_file or files.shipped("okamoto2012.toml")
@@ -455,14 +465,12 @@ def rehearse(
 )
 def journal(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Journal of a session (.jsonl).")],
-    trial: Annotated[
-        int | None, typer.Option("--trial", min=1, help="Only what the journal has of this trial.")
-    ] = None,
+    trial: Annotated[int | None, typer.Option("--trial", min=1, help="Print only this trial.")] = None,
     as_json: Json = False,
 ) -> None:
     """Verify a journal and print it as text.
 
-    An entry that cannot be read is named, and the rest is printed; the exit code is then 1.
+    The command reports unreadable entries and prints the rest; the exit code is then 1.
     """
     from palpate.experiment.records import journal as journals
     from palpate.experiment.records import transcript
@@ -487,19 +495,19 @@ def journal(
 def withdraw(
     protocol_file: ProtocolFile,
     participant: Participant,
-    reason: Annotated[
-        str, typer.Option("--reason", help="One line of text; it must name no person and no state of health.")
-    ],
-    erase: Annotated[bool, typer.Option("--erase", help="Delete the participant's data too, for ever.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Erase without being asked, as in a script.")] = False,
+    reason: Annotated[str, typer.Option("--reason", help="One line of text, without names or health information.")],
+    erase: Annotated[bool, typer.Option("--erase", help="Also delete the participant's data permanently.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Erase without asking for confirmation, e.g., in a script.")
+    ] = False,
     dataset: StudyFolder = None,
 ) -> None:
     """Record that a participant withdrew.
 
-    Their journals say so too, and no data of theirs is analysed; what they told of themselves is deleted. With --erase
-    their journals, raw frames and tables are deleted, once their label was typed again; the roster keeps it, their
-    consent, the withdrawal, and that their data were erased. To finish what was interrupted, run the same command
-    again. An anchor is kept in the dataset.
+    Their journals record it too, their data are not analyzed, and their answers about themselves are deleted. With
+    --erase, their journals, raw frames and tables are deleted, after you type their label again. The roster retains
+    the label, the consent, the withdrawal, and the fact that the data were erased. To finish an interrupted
+    withdrawal, run the same command again. The dataset stores an anchor.
     """
     from palpate.experiment.dataset import build as datasets
     from palpate.experiment.dataset import checks
@@ -509,18 +517,16 @@ def withdraw(
     from palpate.experiment.study.people import keeping
 
     if yes and not erase:
-        raise RosterError(
-            "got --yes without --erase", remedy="nothing is asked without --erase", allowed="both, or neither"
-        )
+        raise RosterError("got --yes without --erase", remedy="use --yes only with --erase", allowed="both, or neither")
     _check_roster(protocol_file, dataset)
     if erase and not yes:
         sessions, answers, others = withdrawal.count_recorded(protocol_file, participant, root=dataset)
-        what = f"{count(sessions, 'session')} of participant {participant} with {count(answers, 'answer')}"
+        what = f"{count(sessions, 'session')} with participant {participant} and {count(answers, 'answer')}"
         if not sessions:
-            what = f"what is left of participant {participant}, who has no session here"
+            what = f"the remaining data of participant {participant}, who has no session here"
         if others:
-            what += f" ({others} of them under this label, of others who withdrew)"
-        options.confirm(f"This deletes {what}, for good.", participant, "nothing was erased")
+            what += f" (including {count(others, 'session')} with others who withdrew, recorded under this label)"
+        options.confirm(f"This permanently deletes {what}.", participant, "nothing was erased")
     try:
         path = withdrawal.withdraw(
             protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase
@@ -530,23 +536,25 @@ def withdraw(
         if erase:
             _tell_unknown_files(dataset or enrolment.default_root(files.load(protocol_file)), participant)
         raise
-    typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
+    typer.echo(f"Participant {participant} has withdrawn{' and their data have been erased' if erase else ''}: {path}")
     root = path.parent.parent
     if known := keeping.forget(files.load(protocol_file), root, participant):
-        typer.echo("Who they were is deleted from the file of names.")
+        typer.echo("Their name has been deleted from the name file.")
     _tell_other_names(protocol_file, root, known)
     if erase:
         typer.echo(
-            f"What stays in {path.parent}: their label, the day of consent, and the withdrawal with its reason.\n"
-            "Backups, copies, and the tables of earlier analyses and exports, as under derivatives, still hold them: "
-            "delete them there, or make them anew."
+            f"{path.parent} still contains their label, the date of consent, and the withdrawal with its reason.\n"
+            "Their data also remain in backups, copies, and the tables of earlier analyses and exports (such as those "
+            "in derivatives): delete those, or make the tables again."
         )
         _tell_unknown_files(root, participant)
     else:
-        typer.echo("Their data stay and are not analysed. To delete them for good, add --erase to the same command.")
+        typer.echo(
+            "Their data remain but are not analyzed. To delete them permanently, add --erase to the same command."
+        )
     typer.echo(
-        f"For the lab book: {checks.keep_anchor(root)[0].line}\n"
-        f"Enter it in the register too: {shown(('palpate', 'anchor', str(root), '--to', 'REGISTER'))}."
+        f"For the lab book: {checks.keep_anchor(root)[0].line}\nTo enter it in the register as well: "
+        f"{shown(('palpate', 'anchor', str(root), '--to', 'REGISTER'))}."
     )
 
 
@@ -557,7 +565,7 @@ def _tell_unknown_files(root: Path, participant: str) -> None:
 
     unknown = () if storage.left_of(root, participant) else privacy.unknown_files(root)
     if unknown:
-        typer.echo(f"palpate does not know these files in {root}. Delete each that has data of {participant}:")
+        typer.echo(f"palpate does not recognize these files in {root}. Delete all that contain data of {participant}:")
     for name in unknown:
         typer.echo(f"  {plain(name)}")
 
@@ -577,21 +585,23 @@ def build(dataset: Dataset) -> None:
 def anchor(
     dataset: Dataset,
     to: Annotated[
-        Path | None, typer.Option("--to", help="The register: a file on another disk or a shared drive.")
+        Path | None, typer.Option("--to", help="The register: a file on a different disk or a shared drive.")
     ] = None,
-    key: Annotated[Path | None, typer.Option("--sign", help="Private SSH key that signs the anchor there.")] = None,
+    key: Annotated[
+        Path | None, typer.Option("--sign", help="Private SSH key that signs the anchor in the register.")
+    ] = None,
 ) -> None:
-    """Anchor a dataset in a register outside of it.
+    """Anchor a dataset in a register outside it.
 
-    An anchor tells how many lines the roster and each journal have, and the hash of the last. Without options it is
-    kept in the dataset alone, and its number belongs in the lab book. `palpate run` does the same at each session's
-    end, with the register that the rig file names.
+    An anchor consists of the number of lines in the roster and in each journal, and the hash of the last line.
+    Without options, it is stored only in the dataset; write its number in the lab book. `palpate run` does the same
+    at the end of each session, with the register that the rig file names.
     """
     from palpate.experiment.dataset import checks, register
     from palpate.experiment.errors import DatasetError
 
     if key and not to:
-        raise DatasetError("got --sign without --to", remedy="name the register too", allowed="both, or --to alone")
+        raise DatasetError("got --sign without --to", remedy="add the register", allowed="both, or only --to")
     made, _ = checks.keep_anchor(dataset)
     entered = f"\n{register.enter(made, dataset, to, key)}" if to else ""
     typer.echo(f"For the lab book: {made.line}{entered}")
@@ -604,21 +614,21 @@ def verify(
     dataset: Dataset,
     registers: Annotated[
         list[Path] | None,
-        typer.Option("--register", metavar="FILE", help="A register outside of the dataset; may be repeated."),
+        typer.Option("--register", metavar="FILE", help="A register outside the dataset; may be repeated."),
     ] = None,
     numbers: Annotated[
         list[str] | None,
-        typer.Option("--number", metavar="NUMBER", help="An anchor's number in the lab book; may be repeated."),
+        typer.Option("--number", metavar="NUMBER", help="An anchor number from the lab book; may be repeated."),
     ] = None,
     signer: Annotated[
-        Path | None, typer.Option("--signer", help="Public SSH key (.pub); only anchors that it signed count.")
+        Path | None, typer.Option("--signer", help="Public SSH key (.pub); only anchors signed with it count.")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what is proven of a dataset, and what is not.
+    """Show what a dataset proves and what it does not.
 
-    Every finding is printed: that it holds, or that it is REFUSED. Nothing is changed. The exit code is 1 if anything
-    is refused, and 2 if nothing could be checked, as with a register that is not there.
+    Each finding is printed as valid or as REFUSED. This command changes no files. The exit code is 1 if anything is
+    refused, and 2 if nothing could be checked, for example because a register is missing.
     """
     from palpate.experiment.dataset import verify as verifying
     from palpate.experiment.dataset.outside.signatures import Signer
@@ -639,28 +649,34 @@ def verify(
 def review(
     dataset: Dataset,
     by: Annotated[
-        str, typer.Option("--by", metavar="LABEL", help="Who listens: a label for the record, no name.")
+        str, typer.Option("--by", metavar="LABEL", help="Who listens: a label for the record, not a name.")
     ] = "B",
     share: Annotated[
-        float, typer.Option("--share", min=0, max=1, help="Share of the answers without a flag that is listened to.")
+        float, typer.Option("--share", min=0, max=1, help="Proportion of the unflagged answers to listen to.")
     ] = 0.1,
     seed: Seed = 1,
     player: Annotated[
         str | None,
-        typer.Option("--player", metavar="COMMAND", help="What plays a WAV file [default: this machine's output]."),
+        typer.Option(
+            "--player", metavar="COMMAND", help="Command that plays a WAV file [default: this computer's sound output]."
+        ),
     ] = None,
-    paths: Annotated[bool, typer.Option("--paths", help="Play nothing: print the path of each sound.")] = False,
-    only_list: Annotated[
-        bool, typer.Option("--list", help="Print the paths of what is left to review, and end.")
+    paths: Annotated[
+        bool, typer.Option("--paths", help="Print the path of each recording instead of playing it.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Ask nothing: print how far both agree, as JSON.")] = False,
+    only_list: Annotated[
+        bool, typer.Option("--list", help="Print the paths of the answers still to review, then exit.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Ask nothing; print the agreement between the two listeners as JSON.")
+    ] = False,
 ) -> None:
-    """Have a second person listen to spoken answers, and say how far both agree.
+    """Have a second person listen to spoken answers, and report the agreement.
 
-    Played are the answers on which key and proposal differ, those of which nothing or hardly anything was proposed, and
-    a share of the others, in random order. Neither what was presented, nor what was keyed or proposed, is shown. What
-    the second rater says is kept beside the sounds; the first answers stay as they are. To go on later, run the same
-    command again. Cohen's kappa is given for the share that was drawn by chance and, apart, for the flagged answers.
+    The command plays, in random order, the answers whose key and proposal differ, those with no or only a weak
+    proposal, and a share of the others. It does not show what was presented, keyed or proposed. The second rater's
+    answers are stored next to the sounds; the first answers do not change. To continue later, run the same command
+    again. Cohen's kappa is reported for the random share and, separately, for the flagged answers.
     """
     from palpate.experiment.desk.voice import review as reviews
 

@@ -45,38 +45,40 @@ ProtocolFile = Annotated[
         parser=a_protocol, metavar="PROTOCOL", help="Protocol file (TOML), or okamoto2012, which comes with palpate."
     ),
 ]
-Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")]
+Participant = Annotated[str, typer.Option("--participant", "-p", help="Participant's label, such as 03.")]
 StudyFolder = Annotated[
     Path | None, typer.Option("--dataset", help="Folder of the study's dataset [default: participants/STUDY].")
 ]
 StudyPlace = Annotated[
-    Path, typer.Argument(metavar="STUDY", help="Folder of a study's dataset, or a protocol file for the default one.")
+    Path,
+    typer.Argument(metavar="STUDY", help="Folder of a study's dataset, or protocol file (for its default folder)."),
 ]
 AtConsole = Annotated[
-    str, typer.Option("--by", metavar="LABEL", help="Who sits at the console: a label for the record, no name.")
+    str, typer.Option("--by", metavar="LABEL", help="Who is at the console: a label for the record, not a name.")
 ]
 LARGEST_SEED = 2**63 - 1
 """The largest whole number that the files of a study may hold."""
 
-Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random draw.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed for all random draws.")]
+Json = Annotated[bool, typer.Option("--json", help="Print a single JSON document and nothing else.")]
 Encoding = Annotated[
     str | None, typer.Option("--encoding", help="Code page of a text file that is not Unicode, such as cp1252.")
 ]
-Decimal = Annotated[str | None, typer.Option("--decimal", help="Decimal sign of a text file [default: as it shows].")]
+Decimal = Annotated[str | None, typer.Option("--decimal", help="Decimal separator in a text file [default: detected].")]
 TimeUnit = Annotated[
     str | None, typer.Option("--time-unit", help="Unit of the times: s, ms, us, ns, min, h or d [default: the file's].")
 ]
 TimeColumn = Annotated[
-    str | None, typer.Option("--time-column", help="Name of the column of times, where a text file has several.")
+    str | None, typer.Option("--time-column", help="Name of the time column, if a text file has several.")
 ]
 
 Rate = Annotated[
     float | None,
-    typer.Option("--rate", metavar="HZ", help="Sampling rate, for a file without times [default: by its times]."),
+    typer.Option("--rate", metavar="HZ", help="Sampling rate; needed only for a file without times."),
 ]
 Section = Annotated[
-    str | None, typer.Option("--section", help="Name or number (from 1) of one of several tables in a text file.")
+    str | None,
+    typer.Option("--section", help="Name or number (from 1) of the table to read, if a text file has several."),
 ]
 
 
@@ -112,7 +114,7 @@ def put_file(path: Path, content: bytes) -> None:
     from palpate.experiment import storage
 
     if path.exists() and not (path.is_file() and any(mark in storage.read_bytes(path) for mark in MADE_BY_PALPATE)):
-        raise PalpateError(path, "stands there already, and palpate did not make it", "name another file")
+        raise PalpateError(path, "already exists and was not made by palpate", "name another file")
     storage.write_bytes(path, content)
 
 
@@ -121,9 +123,7 @@ def a_day(text: str) -> date:
     with suppress(ValueError):
         if re.fullmatch(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", text):
             return date.fromisoformat(text)
-    raise PalpateError(
-        f"got the day {quoted(text)}", allowed="a day that the calendar has, as YYYY-MM-DD, such as 2026-04-01"
-    )
+    raise PalpateError(f"got the date {quoted(text)}", allowed="a calendar date as YYYY-MM-DD, such as 2026-04-01")
 
 
 def default_folder(protocol_file: Path, *, practice: bool, repetitions: int | None = None) -> Path:
@@ -166,7 +166,7 @@ def check_terminal(remedy: Remedy | str) -> None:
     """Raise `LinkError` where the screen could not be seen, for it is drawn on the standard error; name what to do."""
     if sys.stderr is None or not sys.stderr.isatty():
         raise LinkError(
-            "got a standard error that is no terminal (as with 2> FILE), where the screen would be drawn",
+            "standard error, on which the screen is drawn, is not a terminal (e.g., because of 2> FILE)",
             remedy=remedy,
             allowed="a terminal",
         )
@@ -176,7 +176,7 @@ def at_terminal(*, draws: bool) -> bool:
     """Return whether a session's command stands at a terminal. Raises `LinkError` where a console `draws` unseen."""
     found = sys.stdin.isatty() and sys.stdout.isatty()
     if found and draws:
-        check_terminal("leave the redirection out, or run the session on lines of text (--lines)")
+        check_terminal("remove the redirection, or use the plain-text console (--lines)")
     return found
 
 
@@ -190,9 +190,9 @@ def ask(asked: str) -> str:
 
 def confirm(asked: str, wanted: str, nothing: str) -> None:
     """Return once `wanted` was typed after what is `asked`. Raises `PalpateError`, with `nothing` in words."""
-    typed = ask(f"{asked} Type {wanted} to go on: ")
+    typed = ask(f"{asked} Type {wanted} to continue: ")
     if typed != wanted:
-        raise PalpateError(nothing, f"got {quoted(typed)}", "type it, or give --yes", allowed=wanted)
+        raise PalpateError(nothing, f"got {quoted(typed)}", "type it exactly, or give --yes", allowed=wanted)
 
 
 def room() -> typer.Typer:

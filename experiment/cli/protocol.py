@@ -31,7 +31,7 @@ Taken = TypeVar("Taken")
 @commands.command(epilog="Example: palpate new mystudy.toml --material 'felt, f, felt, cloth' --material cork")
 def new(
     protocol_file: Annotated[
-        Path | None, typer.Argument(metavar="[PROTOCOL.toml]", help="The new file [default: ID.toml].")
+        Path | None, typer.Argument(metavar="[PROTOCOL.toml]", help="New file [default: ID.toml].")
     ] = None,
     like: Annotated[
         Path | None,
@@ -39,72 +39,77 @@ def new(
     ] = None,
     kind: Annotated[
         Literal["footstep", "presented", "tapping"] | None,
-        typer.Option("--kind", help="What a trial is [default: footstep]; of others the shipped study is copied."),
+        typer.Option("--kind", help="Kind of trial [default: footstep]; for other kinds, a shipped study is copied."),
     ] = None,
     design: Annotated[
         Literal["identification", "detection", "comparison", "rating"] | None,
-        typer.Option("--design", help="What a trial of such a kind asks [default: the kind's first]."),
+        typer.Option("--design", help="What trials of that kind ask [default: the kind's first design]."),
     ] = None,
     answers: Annotated[
         Literal["oral", "keys", "screen"] | None,
-        typer.Option("--answers", help="Who answers in a copy: aloud, at buttons, or at their screen."),
+        typer.Option("--answers", help="How participants of a copy answer: aloud, at buttons, or at their screen."),
     ] = None,
     recordings: Annotated[
         list[Path] | None,
         typer.Option(
             "--recording",
             metavar="FILE.wav",
-            help="A recorded waveform that participants tell apart from others; may be given several times.",
+            help="A recorded waveform to identify; may be given several times.",
         ),
     ] = None,
-    full_scale: Annotated[float, typer.Option("--full-scale", help="Its acceleration at full scale, m/s^2.")] = 10.0,
+    full_scale: Annotated[
+        float, typer.Option("--full-scale", help="Acceleration of the recordings at full scale, m/s^2.")
+    ] = 10.0,
     factors: Annotated[
         list[str] | None,
         typer.Option(
             "--factor",
             metavar="ID=NUMBER,NUMBER,...",
-            help="Values of a factor of a copied study; may be given several times.",
+            help="Values of a factor in a copied study; may be given several times.",
         ),
     ] = None,
     study_id: Annotated[
-        str | None, typer.Option("--id", help="Id of the study: up to 32 lower-case letters and digits.")
+        str | None, typer.Option("--id", help="Id of the study: up to 32 lowercase letters and digits.")
     ] = None,
-    title: Annotated[str | None, typer.Option("--title", help="What the study is called.")] = None,
-    participants: Annotated[int | None, typer.Option("--participants", help="How many people take part.")] = None,
+    title: Annotated[str | None, typer.Option("--title", help="Title of the study.")] = None,
+    participants: Annotated[int | None, typer.Option("--participants", help="Number of participants.")] = None,
     materials: Annotated[
         list[str] | None,
         typer.Option(
             "--material",
             metavar="NAME[,KEY,PHRASE,...]",
-            help="A material, its key, and what participants may call it; may be given several times.",
+            help="A material, its key, and the words that participants may say; may be given several times.",
         ),
     ] = None,
     tasks: Annotated[
         Literal["virtual", "real", "both"] | None, typer.Option("--tasks", help="Vibration, real objects, or both.")
     ] = None,
     repetitions: Annotated[
-        int | None, typer.Option("--repetitions", help="How often a task presents each material.")
+        int | None, typer.Option("--repetitions", help="Number of times that a task presents each material.")
     ] = None,
     training: Annotated[
         int | None,
-        typer.Option("--training", help="Begin each task with so many trials with feedback, which never count."),
+        typer.Option(
+            "--training", help="Begin each task with this many training trials, with feedback; they never count."
+        ),
     ] = None,
     control: Annotated[
         bool,
         typer.Option(
-            "--control", help="Add a task that tests the masking: the panel sounds, and nothing reaches the foot."
+            "--control",
+            help="Add a task that tests the masking: the panel makes its sound, but the foot feels nothing.",
         ),
     ] = False,
     rig: Annotated[
-        Path | None, typer.Option("--rig", help="Write a rig file to begin from too; alone, nothing else.")
+        Path | None, typer.Option("--rig", help="Also write a starter rig file; without a protocol, only that.")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: what no option answers has its default.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing, and use defaults for everything else.")] = False,
 ) -> None:
     """Write a new protocol, with a comment for every key.
 
-    A few questions are asked, each with a default that Enter takes. What only your laboratory can say stands in the
-    file as TO BE FILLED IN; the study can be practised and rehearsed at once. With --like, or a --kind or --design that
-    is not the default, a study is copied under an id of its own, without its approval; each --recording of an
+    The command asks a few questions; press Enter to accept a default. Fields that only your laboratory can complete
+    are marked TO BE FILLED IN. You can practice and rehearse the study at once. With --like, or a --kind or
+    --design that is not the default, a study is copied under a new id, without its approval; each --recording of an
     identification is copied too. No file is overwritten.
     """
     ask = not yes
@@ -113,7 +118,9 @@ def new(
         _write_rig(free_for_a_rig(rig))
         return
     if ask:
-        options.at_once("A new protocol. Enter takes an answer in brackets; after Ctrl-C nothing is written.")
+        options.at_once(
+            "A new protocol. Press Enter to accept an answer in brackets. Ctrl-C stops without writing anything."
+        )
     from palpate.experiment.protocol import new as writing
     from palpate.experiment.protocol.new import models
 
@@ -128,7 +135,7 @@ def new(
 
     stem = re.sub("[^a-z0-9]", "", file.stem.lower()) if file else ""
     default = stem if re.match("[a-z]", stem) else writing.NewStudy.id
-    study_id = _answered("Id of the study, which names its files", default, study_id, ask, named)
+    study_id = _answered("Id of the study, used in file names", default, study_id, ask, named)
     like = _model(like, kind, design, ask)
     changed = models.Changes(
         participants, answers, models.recordings(recordings or ()), full_scale, models.values(factors)
@@ -136,7 +143,10 @@ def new(
     if like:
         text = _a_copy(like, study_id, title, changed, ask, of_questions=(materials, tasks, repetitions))
     elif answers or recordings or factors:
-        got, allowed = "got --answers, --recording or --factor for footsteps", "a copy: --like, or --kind presented"
+        got, allowed = (
+            "got --answers, --recording or --factor for a footstep study",
+            "a copy: --like, or --kind presented",
+        )
         raise PalpateError(got, remedy="leave them out", allowed=allowed)
     else:
         given = [None if one is None else str(one) for one in (participants, repetitions)]
@@ -145,12 +155,12 @@ def new(
     text = writing.controlled(text) if control else text
     file = file or writing.free(Path(study_id))
     if rig is None:
-        asks = "A rig file to begin from, too: its name, or Enter for none"
+        asks = "Name of a starter rig file, or Enter for none"
         rig = _answered(asks, "", None, ask, lambda typed: free_for_a_rig(Path(typed)) if typed else None)
     _write_new(file, rig, text, changed)
 
 
-CALIBRATE = "Rig: {rig}. Calibrate it: `palpate docs rigs` shows how."
+CALIBRATE = "Rig: {rig}. Next, calibrate it (see `palpate docs rigs`)."
 """What may follow a new rig file."""
 
 
@@ -169,7 +179,7 @@ def _write_new(file: Path, rig: Path | None, text: str, changed: "Changes") -> N
 
     if rig and rig.resolve() == file.resolve():
         raise PalpateError(
-            f"got {quoted(str(file))} for protocol and rig", remedy="name another", allowed="a file for each"
+            f"got {quoted(str(file))} for both protocol and rig", remedy="name another", allowed="a file for each"
         )
     made = models.files_beside(file, changed) | {file: text.encode()} | ({rig: a_rig(rig).encode()} if rig else {})
     for path, content in made.items():
@@ -178,8 +188,8 @@ def _write_new(file: Path, rig: Path | None, text: str, changed: "Changes") -> N
     if rig:
         typer.echo(CALIBRATE.format(rig=rig))
     typer.echo(
-        f"To practise a session at your own keys: {shown(('palpate', 'run', str(file), '--practice'))}\n"
-        f"To read it as an ethics board does: {shown(('palpate', 'check', str(file)))}"
+        f"To practice a session at your own keyboard: {shown(('palpate', 'run', str(file), '--practice'))}\nTo see "
+        f"the protocol as an ethics board does: {shown(('palpate', 'check', str(file)))}"
     )
 
 
@@ -190,7 +200,7 @@ def _model(like: Path | None, kind: str | None, design: str | None, ask: bool) -
     given = " ".join(filter(None, (kind, design))) or None
     if like and given:
         raise PalpateError("got --kind or --design with --like", remedy="leave them out", allowed="one of them")
-    asks = "\n  ".join(("What a trial is, and what it asks, one of:", *models.KINDS)) + "\nWhich one"
+    asks = "\n  ".join(("Kind of trial and what it asks, one of:", *models.KINDS)) + "\nWhich one"
     return like or _answered(asks, models.KINDS[0], given, ask, models.model)
 
 
@@ -203,7 +213,7 @@ def _a_copy(
     from palpate.experiment.protocol.new import models
 
     if any(one is not None for one in of_questions):
-        got, remedy = "got --material, --tasks or --repetitions for a copy", "change anything else in the copy"
+        got, remedy = "got --material, --tasks or --repetitions with a copy", "edit the copy to change anything else"
         allowed = "--id, --title, --participants, --answers, --recording and --factor"
         raise PalpateError(got, remedy=remedy, allowed=allowed)
 
@@ -218,10 +228,10 @@ def _a_copy(
         return made
 
     known, people = files.load(like), changed.participants
-    asks = "How many people take part"
+    asks = "Number of participants"
     given = None if people is None else str(people)
     changed = _answered(asks, str(known.study.participants), given, ask, of_people)
-    changed = _answered("Who answers: oral, keys or screen", known.answers.mode, changed.mode, ask, of_mode)
+    changed = _answered("How participants answer: oral, keys or screen", known.answers.mode, changed.mode, ask, of_mode)
     return _answered("Title", known.study.title, title, ask, partial(models.copied, like, study_id, changed=changed))
 
 
@@ -248,20 +258,23 @@ def _new_study(
         return partial(writing.whole, path=path)
 
     study = answered(study, "title", "Title", study.title, title)
-    people, read = "How many people take part", whole("study", "participants")
+    people, read = "Number of participants", whole("study", "participants")
     study = answered(study, "participants", people, str(study.participants), numbers[0], read)
     if materials:
         study = writing.checked(replace(study, materials=writing.materials(materials)))
     else:
         names = ", ".join(one.name for one in study.materials)
-        apart = "The materials to tell apart, with commas between them"
+        apart = "Materials to identify, separated by commas"
         study = answered(study, "materials", apart, names, None, lambda t: writing.materials(writing.parts(t)))
         for place, one in enumerate(study.materials):
-            asks, default = f"{one.name}: its key, then what participants may call it", study.materials[place].typed
+            asks, default = (
+                f"{one.name}: its key, then the words that participants may say",
+                study.materials[place].typed,
+            )
             study = _answered(asks, default, None, ask, partial(writing.with_material, study, place))
-    of = "Its tasks: virtual (vibration of the panel), real (the objects) or both"
+    of = "Tasks: virtual (vibration of the panel), real (the objects) or both"
     study = answered(study, "tasks", of, study.tasks, tasks)
-    often, read = "How often a task presents each material", whole("tasks", 0, "repetitions")
+    often, read = "Number of times that a task presents each material", whole("tasks", 0, "repetitions")
     return answered(study, "repetitions", often, str(study.repetitions), numbers[1], read)
 
 
@@ -287,8 +300,8 @@ def _typed(prompt: str) -> str:
         return input(prompt).strip()
     except (KeyboardInterrupt, EOFError, OSError, ValueError, RuntimeError):
         raise Interrupted(
-            "the questions were interrupted, and nothing was written",
-            remedy="where nobody can type, answer with options, and add --yes",
+            "interrupted; nothing was written",
+            remedy="to answer without typing, use options and add --yes",
         ) from None
 
 
@@ -322,24 +335,25 @@ def check(
         typer.Option("--html", metavar="FILE.html", help="Write the page as HTML, for a browser to print on A4."),
     ] = None,
     rig_file: Annotated[
-        Path | None, typer.Option("--rig", help="Rig file: does it carry this study's vibrations, or bear its block?")
+        Path | None,
+        typer.Option("--rig", help="Rig file, to check whether the rig can render this study's vibrations or block."),
     ] = None,
     recordings: Annotated[
         Path | None, typer.Option("--recordings", help="Folder of recordings, for --rig [default: the dataset's own].")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Show a protocol to an ethics board.
+    """Show a protocol as its ethics board sees it.
 
-    The page states the whole study; at its end, what is left empty, and which values are allowed and unlikely to be
-    meant. Below it stands whether this version is sealed, by which board and until when. If the file has errors, all of
-    them are printed instead: each with its path, its line, what was got, what is allowed. With --html the page is
-    written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF. What --rig
-    says stands at its end.
+    The page states the whole study. It ends with empty fields, unusual values, and whether this version is sealed,
+    by which board and until when. If the file has errors, the command prints all of them instead, each with its
+    key, its line, its value and the allowed values. With --html it writes the page to a file, with the SHA-256 and
+    the seal on every sheet; print it from a browser, on paper or as PDF. The results of --rig come last.
 
-    With --rig, a rig that leaves out more of the recorded vibrations than footstep.synthesis.left_out_max is refused,
-    and one that does not bear the stiffness of a virtual block, as palpate run refuses them for participants. Practice
-    and rehearsals go on. What the rig's screen says in words that are not palpate's is shown too.
+    With --rig, a rig is refused if it leaves out more of the recorded vibrations than
+    footstep.synthesis.left_out_max allows, or if it cannot render a virtual block's stiffness. palpate run also
+    refuses it for participants, but not for practice and rehearsals. The page also shows the words of the rig's
+    screen that differ from palpate's.
     """
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.clock import day, wall_ns
@@ -373,7 +387,7 @@ def check(
 
         told = " ".join(filter(None, (told, board_words(rig))))
     if words:
-        said = "The participant's screen says in words of this rig, which no approval of the protocol holds:"
+        said = "This rig changes these words on the participant's screen; the protocol's approval does not cover them:"
         of_screen = [blocks.Said(said), blocks.facts(*((name, blocks.Free(text)) for name, text in words.items()))]
     if page_file is not None:
         if page_file.suffix != ".html":
@@ -394,7 +408,7 @@ def check(
             known["rig"] = {"file": str(rig_file), "told": told, "refused": refused, "words": words}
         options.put(known | {"protocol": document})
     elif page_file is not None:
-        typer.echo(f"{state}\nPage: {page_file}. Open it in a browser, and print it there, on A4 or as PDF.")
+        typer.echo(f"{state}\nPage: {page_file}. Open it in a browser to print it on A4 or as PDF.")
     else:
         shown = f"{page.page(protocol, str(protocol_file))}\n{state}"
         typer.echo(f"{shown}\n{page.approved(seal)}" if seal else shown)
@@ -435,7 +449,7 @@ def _examine_rig(
     except PalpateError as refused:
         return "", refused
     if not virtual:
-        return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
+        return f"Rig '{rig.rig.name}': every task uses real objects, so it renders nothing.", None
     try:
         refuse_unmeasured(rig_file, rig, today)
         for kind in {session_kind(task): None for task in virtual}:
@@ -452,7 +466,7 @@ def _examine_rig(
     epilog="Example: palpate seal study.toml --approval-number 2026-17 --approved-on 2026-04-01 --expires-on 2027-03-31"
 )
 def seal(
-    protocol_file: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML) of your own.")],
+    protocol_file: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Your own protocol file (TOML).")],
     approval_number: Annotated[str, typer.Option("--approval-number", help="The number on the board's letter.")],
     approved_on: Annotated[
         date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="First day on which the study may run.")
@@ -463,19 +477,21 @@ def seal(
     sha256: Annotated[
         str | None,
         typer.Option(
-            "--sha256", metavar="DIGITS", help="First digits, 8 or more, of the SHA-256 on the page they read."
+            "--sha256", metavar="DIGITS", help="First 8 or more digits of the SHA-256 on the page that the board read."
         ),
     ] = None,
     replace: Annotated[
-        bool, typer.Option("--replace", help="Replace an earlier seal, after a change of the protocol or a slip.")
+        bool, typer.Option("--replace", help="Replace an earlier seal, after a change to the protocol or a mistake.")
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Replace it without being asked, as in a script.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Replace without asking for confirmation, e.g., in a script.")
+    ] = False,
 ) -> None:
     """Record the board's approval of a protocol.
 
-    The record is written to STUDY.seal.toml beside the protocol, with the SHA-256 of what was approved. `palpate run`
-    refuses a protocol that is not sealed, that has changed since, or whose approval has expired. Before an earlier seal
-    is replaced, it is told, and asked for.
+    The command writes STUDY.seal.toml next to the protocol, with the SHA-256 of the approved version. `palpate run`
+    refuses a protocol that is not sealed, that has changed since, or whose approval has expired. Before it replaces
+    an earlier seal, the command shows that seal and asks.
     """
     from palpate.experiment.protocol import approval, files
     from palpate.experiment.protocol.approval import sealing
@@ -486,7 +502,7 @@ def seal(
     path = approval.seal_path(protocol_file)
     if yes and not replace:
         raise PalpateError(
-            "got --yes without --replace", remedy="nothing is asked without --replace", allowed="both, or neither"
+            "got --yes without --replace", remedy="use --yes only with --replace", allowed="both, or neither"
         )
     replaces = path.exists()
     if replaces and replace and not yes:
@@ -508,7 +524,7 @@ def seal(
         f"{limits.session_min:g} min.\nSealed {sealed.protocol_sha256}: {path}"
     )
     if replaces:
-        typer.echo("The earlier seal is replaced. Datasets that were begun under it keep their copy of it.")
+        typer.echo("The earlier seal has been replaced. Existing datasets retain their copies of it.")
 
 
 @commands.command(epilog="Example: palpate schema protocol --out protocol.schema.json")
@@ -518,15 +534,15 @@ def schema(
         typer.Argument(metavar="protocol|rig|results", help="The file to describe."),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE.json", help="Write it there [default: print it].")
+        Path | None, typer.Option("--out", metavar="FILE.json", help="File to write [default: print it].")
     ] = None,
 ) -> None:
     """Write the JSON Schema of a protocol, a rig or results.
 
-    An editor with a TOML language server then completes keys, shows what they mean, and marks what is not allowed. New
-    files begin with a line `#:schema protocol.schema.json` or `#:schema rig.schema.json`, which names the schema beside
-    them. Rules between keys are checked by palpate check alone. `results` is for programs that read the results.json of
-    palpate analyse.
+    An editor with a TOML language server can then complete keys, show their meaning, and mark errors. New files
+    begin with a line `#:schema protocol.schema.json` or `#:schema rig.schema.json`, which names the schema in the
+    same folder. Only `palpate check` checks rules that involve several keys. `results` is for programs that read the
+    results.json of palpate analyse.
     """
     import json
 
@@ -551,21 +567,22 @@ def schema(
         options.put(made)
         return
     options.put_file(out, (json.dumps(made, indent=1) + "\n").encode())
-    typer.echo(f"Schema: {out}. A {of} file names it on its first line: #:schema {out.name}")
+    typer.echo(f"Schema: {out}. To use it, begin a {of} file with the line: #:schema {out.name}")
 
 
 @commands.command(epilog="Example: palpate preregister study.toml --power power.json")
 def preregister(
     protocol_file: ProtocolFile,
     power: Annotated[
-        Path | None, typer.Option("--power", metavar="FILE.json", help="What `palpate power PROTOCOL --json` printed.")
+        Path | None, typer.Option("--power", metavar="FILE.json", help="Output of `palpate power PROTOCOL --json`.")
     ] = None,
 ) -> None:
-    """Write a protocol's plan for a preregistration at OSF.
+    """Write a protocol's plan as an OSF preregistration.
 
-    The text follows the form "OSF Preregistration": study information, design plan, sampling plan, variables, analysis
-    plan, other. It is made of the protocol, its planned tests and, with --power, the simulated power. What only your
-    laboratory can say is marked TO BE FILLED IN. It states the SHA-256 of the protocol and whether that is sealed.
+    The text follows the form "OSF Preregistration": study information, design plan, sampling plan, variables,
+    analysis plan, other. Its sources are the protocol, its planned tests and, with --power, the simulated power.
+    Fields that only your laboratory can complete are marked TO BE FILLED IN. It states the SHA-256 of the protocol
+    and whether it is sealed.
     """
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.protocol import files

@@ -21,7 +21,7 @@ commands = options.room()
 def record(
     protocol_file: ProtocolFile,
     out: Annotated[Path, typer.Option("--out", help="Folder for the recordings; it must be new or empty.")],
-    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file with a table [accelerometer].")] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file with an [accelerometer] table.")] = None,
     simulated: Annotated[
         bool, typer.Option("--simulated", help="Record unattended, with a simulated foot and simulated objects.")
     ] = False,
@@ -30,17 +30,17 @@ def record(
         typer.Option("--speeds", help="Target speeds in mm/s, such as 150,250,400 [default: the protocol's]."),
     ] = None,
     takes: Annotated[
-        int | None, typer.Option("--takes", help="How many takes of each condition [default: as the protocol says].")
+        int | None, typer.Option("--takes", help="Number of takes of each condition [default: as in the protocol].")
     ] = None,
     seed: Annotated[
-        int, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed of every random draw of --simulated.")
+        int, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed for all random draws of --simulated.")
     ] = 1,
 ) -> None:
     """Record a protocol's materials and the bare panel.
 
-    The command goes through materials, speeds and takes and shows the achieved speed of each step beside its target; a
-    key keeps or repeats the take. A knock before the foot's contact is left out. Ctrl-C stops, and the same command
-    continues. The rig's actuator is not used, so its response table is not read.
+    The command goes through materials, speeds and takes. It shows the speed of each step next to the target; press
+    a key to keep or repeat the take. A knock before the foot's contact is left out. Ctrl-C stops, and the same
+    command continues. The rig's actuator is not used, so its response table is not read.
     """
     from palpate.experiment.recordings import workflow
 
@@ -63,7 +63,10 @@ def record(
 
             if rig is None:
                 raise RecordingError(
-                    "--rig", "got none", "name it, or use --simulated", allowed="the rig file of this laboratory"
+                    "--rig",
+                    "the rig file is missing",
+                    "name it, or use --simulated",
+                    allowed="the rig file of this laboratory",
                 )
             manifest = workflow.record_on_rig(
                 protocol_file=protocol_file,
@@ -86,22 +89,22 @@ def validate(
     ] = None,
     protocol_file: Annotated[
         Path | None,
-        typer.Option("--protocol", help="Protocol that says how takes are averaged [default: by magnitude]."),
+        typer.Option("--protocol", help="Protocol that states how takes are averaged [default: by magnitude]."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the results [default: RECORDINGS/validation].")
     ] = None,
     seed: Annotated[
-        int, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed of the simulated fresh takes.")
+        int, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed for the simulated fresh takes.")
     ] = 1,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
     as_json: Json = False,
 ) -> None:
-    """Validate the synthesis on recordings, as published.
+    """Validate the synthesis on recordings, as in the paper.
 
-    Each fresh take is assigned to the speed whose synthesised spectrum is most like it; takes assigned to their own or
-    a neighbouring speed are counted, and the materials are compared with one another. Takes are averaged as the
-    protocol says, and the result of the other way to average is given beside it.
+    Each fresh take is assigned to the speed whose synthesized spectrum is most similar. The command counts takes
+    assigned to their own or a neighboring speed, and compares the materials with each other. It averages takes as
+    the protocol states, and also reports the result of the other averaging method.
     """
     from palpate.analysis.validation import report
     from palpate.experiment.protocol import files
@@ -130,25 +133,25 @@ def spectrum(
     context: typer.Context,
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="WAV, text with a column of times, LabVIEW, MATLAB or HDF5 file."),
+        typer.Argument(metavar="FILE", help="WAV file, text file with a time column, or LabVIEW, MATLAB or HDF5 file."),
     ],
     channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,
     axes: Annotated[
         tuple[str, str, str] | None,
-        typer.Option("--axes", metavar="X Y Z", help="Three channels that are the axes of one sensor, made one."),
+        typer.Option("--axes", metavar="X Y Z", help="Three channels to combine: the axes of one sensor."),
     ] = None,
     reduction: Annotated[
         Literal["dft321", "norm"] | None,
         typer.Option(
             "--reduction",
-            help="How axes become one: all their power at each frequency, or their length [default: dft321].",
+            help="How to combine axes: total power per frequency (dft321) or vector length (norm) [default: dft321].",
         ),
     ] = None,
     resample: Annotated[
-        bool, typer.Option("--resample", help="Bring samples at uneven times onto an even grid.")
+        bool, typer.Option("--resample", help="Resample unevenly timed samples to an even grid.")
     ] = False,
     plot: Annotated[
-        Path | None, typer.Option("--plot", help="Draw the spectrum into this file (.png or .svg) [default: nothing].")
+        Path | None, typer.Option("--plot", help="File for a plot of the spectrum (.png or .svg) [default: no plot].")
     ] = None,
     encoding: options.Encoding = None,
     decimal: options.Decimal = None,
@@ -158,22 +161,22 @@ def spectrum(
     section: options.Section = None,
     as_json: Json = False,
 ) -> None:
-    """Print the spectrum of a recording, and plot it with --plot.
+    """Print the spectrum of a recording; plot it with --plot.
 
-    The peaks of the amplitude spectrum are listed. The sampling rate of text and LabVIEW columns is taken from their
-    time column and not from a header. With --axes the three channels of an accelerometer become one: dft321 has at each
-    frequency the power of all three (Landin et al. 2010), norm the length of the acceleration without its mean. Samples
-    at uneven times are refused; with --resample a cubic spline takes them to an even grid, and its error is stated.
-    Gaps of at most 8 samples are bridged so. What looks clipped is said to.
+    The command lists the peaks of the amplitude spectrum. For text and LabVIEW columns, it computes the sampling
+    rate from the time column, not from a header. --axes combines the three channels of an accelerometer: dft321 has
+    the total power of all three at each frequency (Landin et al. 2010); norm is the length of the acceleration
+    without its mean. Samples at uneven times are refused. With --resample, a cubic spline brings them to an even
+    grid, bridges gaps of at most 8 samples, and reports its error. Apparent clipping is reported.
     """
     from palpate.experiment.recordings import spectrum as spectra
     from palpate.experiment.recordings.readers import Axes
     from palpate.experiment.settings.delimited import Stated
 
     if plot is not None and plot.exists() and file.exists() and plot.samefile(file):
-        raise PalpateError(f"--plot {plot}", "this is the recording itself", "name another file")
+        raise PalpateError(f"--plot {plot}", "this file is the recording itself", "name another file")
     if axes is not None and channel is not None:
-        raise PalpateError("got --channel with --axes", remedy="leave one of them out", allowed="either")
+        raise PalpateError("got --channel with --axes", remedy="leave out one of them", allowed="either")
     if axes is None and reduction is not None:
         raise PalpateError("got --reduction without --axes", remedy="name the axes with --axes X Y Z", allowed="both")
     stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context), resample, rate, section)
@@ -196,16 +199,16 @@ def plan(
     ] = None,
     rig: Annotated[
         Path | None,
-        options.file_option("--rig", "Rig file [default: the rehearsal's]."),
+        options.file_option("--rig", "Rig file [default: the simulated rig of rehearsals]."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Print what a task needs and what it leaves out.
+    """Print the resources that a task needs and what the rig leaves out of its stimuli.
 
-    Each omission is printed with the time and memory that it saves and the error that it causes, measured on this
-    machine while you wait, and so is a process of each task, on a simulated rig. Of taps on virtual surfaces it prints
-    how far the force on a simulated hand is off, cause by cause. The exit code is 2 where the protocol does not allow
-    what the rig leaves out, or so large an error.
+    For each omission, the command prints the time and memory that it saves and the error that it causes. It measures
+    these, and the process of each task on a simulated rig, on this computer while you wait. For taps on virtual
+    surfaces, it prints the error of the force on a simulated hand, by cause. The exit code is 2 if the
+    protocol does not allow an omission of the rig, or so large an error.
     """
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.protocol import files
@@ -216,7 +219,7 @@ def plan(
         source, named, plans = held.plans(protocol_file, rig_file, task, recordings, bar, day(wall_ns()))
     document = {"recordings": source, "rig": named, "tasks": [one.as_dict() for one in plans]}
     heading = f"Measured with: {source}\nRig: {named}"
-    with options.working("Simulating thresholds by the rule of the levels, if there is one", quiet=as_json):
+    with options.working("Simulating thresholds with the adaptive rule, if there is one", quiet=as_json):
         doubts = _threshold_doubts(files.load(protocol_file))
     document["doubts"] = [one.sentence() for one in doubts]
     if as_json:

@@ -28,8 +28,8 @@ RigFile = Annotated[Path, options.file_option("--rig", "Rig file of this laborat
 def devices(as_json: Json = False) -> None:
     """List the devices of this machine.
 
-    Serial ports, with the programs that hold them, and audio devices are listed under the names that a rig file uses.
-    Without an audio library only serial ports are listed, with what is to be installed; in JSON "audio" is null then.
+    The command lists serial ports, with the programs that use them, and audio devices, under their names for a rig
+    file. Without an audio library, it lists only serial ports, and what to install; in JSON "audio" is then null.
     """
     from palpate.experiment.apparatus.audio import stream
     from palpate.experiment.apparatus.tracker import serial_port
@@ -46,13 +46,13 @@ def devices(as_json: Json = False) -> None:
         if unheard:
             typer.echo(unheard, err=True)
         return
-    typer.echo("Serial ports, as tracker.port names them:")
+    typer.echo("Serial ports (names for tracker.port):")
     for device in serial:
-        held = f"  held by {', '.join(device.held_by)}" if device.held_by else ""
+        held = f"  in use by {', '.join(device.held_by)}" if device.held_by else ""
         typer.echo(f"  {device.port}  {device.description}  {device.identity}".rstrip() + held)
     if not serial:
         typer.echo("  none")
-    typer.echo("Audio devices, as audio.host_api and audio.device name them (a device in use shows fewer channels):")
+    typer.echo("Audio devices (names for audio.host_api and audio.device; a device in use may show fewer channels):")
     for card in audio:
         typer.echo(
             f'  host_api = "{card.host_api}"  device = "{card.name}"  inputs {card.inputs}, outputs {card.outputs}, '
@@ -75,22 +75,22 @@ def doctor(
     ] = None,
     compare_panel: Annotated[
         bool,
-        typer.Option("--compare-panel", help="Compare the panel with its measurement too, which shakes it for 4 s."),
+        typer.Option("--compare-panel", help="Also compare the panel with its measurement; this shakes it for 4 s."),
     ] = False,
     press: Annotated[
         int,
-        typer.Option("--press", min=0, max=100, help="How often somebody presses each of the participant's buttons."),
+        typer.Option("--press", min=0, max=100, help="Number of times to press each of the participant's buttons."),
     ] = 0,
     as_json: Json = False,
 ) -> None:
     """Check a rig before a session.
 
-    Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback,
-    actuator, force device (which pushes nothing), disk and clocks are checked through the drivers that sessions
-    use. With --protocol it also shows what the rig leaves out of the recorded vibrations: red where that is more than
-    the protocol allows, as is a rig that renders no virtual block, or does not bear it. With --press somebody presses
-    the participant's buttons: how late presses are read is measured, and a button that sends nothing is red. Each check
-    is green, or red with its remedy. The exit code is 2 if any check is red.
+    Keep everyone off the panel, because it may move. The command checks files, calibrations, tracker, audio device
+    with its loopback, actuator, force device (without force), disk and clocks, through the drivers that sessions
+    use. With --protocol, it also shows what the rig leaves out of the recorded vibrations. This is red if it
+    exceeds the protocol's limit, or if the rig cannot render a virtual block. With --press, somebody presses the
+    participant's buttons: the command measures the delay of presses and shows silent buttons in red. Each check is
+    green, or red with its remedy. The exit code is 2 if any check is red.
     """
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.apparatus.doctor import doctor as doctors
@@ -99,14 +99,14 @@ def doctor(
     from palpate.experiment.errors import RigError
     from palpate.experiment.rehearsal.session import simulated_far_ends
 
-    options.at_once("The checks take 5 to 15 s. Each is shown as soon as it has ended.")
+    options.at_once("The checks take 5 to 15 s. Each result appears when its check ends.")
     # A check of its own is red for a rig file that cannot be used.
     with suppress(RigError):
         audio = rigs.load(rig).audio
         if compare_panel or (audio is not None and audio.channels.loopback is not None):
             typer.echo("Keep feet and hands off the panel: these checks move it.", err=True)
     if press:
-        typer.echo(f"Have each of the participant's buttons pressed {press} times: the checks wait for it.", err=True)
+        typer.echo(f"Press each of the participant's buttons {press} times; the checks wait for this.", err=True)
     examined = doctors.examine(
         rig_path=rig,
         protocol_path=protocol,
@@ -144,7 +144,7 @@ def omissions(
         # A check of its own is red for it.
         return
     if protocol is None:
-        yield unchecked("left out", "no protocol was given", "add --protocol, and the folder of its --recordings")
+        yield unchecked("left out", "no protocol was given", "add --protocol, and --recordings with its folder")
         return
     for kind in {session_kind(task): None for task in protocol.tasks if task.stimulus == "virtual"}:
         yield from kind.omissions(protocol, rig, rig_file.parent, dataset, recordings)
@@ -154,17 +154,20 @@ def omissions(
 def calibrate_tracker(
     rig: RigFile,
     points: Annotated[str, typer.Option("--points", help="Heights above the panel, in mm.")] = "-2,0,10,20,50",
-    days: Annotated[int, typer.Option("--days", min=1, max=3650, help="For how many days the calibration holds.")] = 90,
+    days: Annotated[
+        int, typer.Option("--days", min=1, max=3650, help="Number of days for which the calibration is valid.")
+    ] = 90,
     protocol: Annotated[
-        Path | None, typer.Option("--protocol", help="Protocol file whose gate the calibration must cover.")
+        Path | None, typer.Option("--protocol", help="Protocol file with the gate that the calibration must cover.")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="New rig file [default: print the table].")] = None,
 ) -> None:
     """Calibrate the tracker at known heights.
 
-    The command goes through the heights, reads the sensor at each, and prints points, residuals, noise, and what to
-    question. Heights that do not reach past the gate of --protocol, or that readings contradict, are refused. It never
-    changes the rig file itself: write a new one with --out, or replace the lines under [tracker] with those printed.
+    The command goes through the heights, reads the sensor at each, and prints points, residuals, noise, and
+    anything questionable. It refuses heights that do not cover the gate of --protocol or that contradict the
+    readings. It never changes the rig file: write a new one with --out, or replace the lines under [tracker] with
+    the printed ones.
     """
     from palpate.experiment import storage
     from palpate.experiment.apparatus import opening
@@ -178,7 +181,7 @@ def calibrate_tracker(
     heights_mm = calibrating.heights_asked(points)
     step = files.load(protocol).table(Footstep).step if protocol is not None else None
     if out is not None and out.exists():
-        raise RigError(out, "got a file that exists", "name another", allowed="a new file")
+        raise RigError(out, "this file already exists", "name another", allowed="a new file")
     before, clock = rigs.load(rig), MonotonicClock()
     try:
         with closing(opening.open_tracker(calibrating.raw(before), clock=clock)) as tracker:
@@ -190,7 +193,9 @@ def calibrate_tracker(
         options.say(line)
     if step is not None:
         rigs.check(after, step)
-        options.say(f"It reaches past the gate ({step.gate_top_mm:g} mm) and the panel ({step.contact_mm:g} mm).")
+        options.say(
+            f"The calibration covers the gate ({step.gate_top_mm:g} mm) and the panel ({step.contact_mm:g} mm)."
+        )
     if out is None:
         typer.echo(f"\n{calibrating.table(after)}")
     else:
@@ -204,17 +209,17 @@ def calibrate_audio(
     out: Annotated[
         Path | None, typer.Option("--out", help="New rig file with the result [default: print the table only].")
     ] = None,
-    probes: Annotated[int, typer.Option("--probes", min=2, max=1000, help="How many sweeps to play.")] = 20,
+    probes: Annotated[int, typer.Option("--probes", min=2, max=1000, help="Number of sweeps to play.")] = 20,
     peak: Annotated[
         float, typer.Option("--peak", min=0.001, max=1.0, help="Peak of a sweep; 1.0 is full scale.")
     ] = 0.1,
 ) -> None:
     """Measure latency and level of the audio device by loopback.
 
-    Sweeps are played on the actuator's channel and heard on the loopback: disconnect the actuator's amplifier, or keep
-    the peak low. If there are xruns, of which the card of a simulated rig loses nothing, or sweeps come back otherwise
-    than [audio.delivered] allows, all are played again; after three times the measurement is refused. The result is
-    printed as the table [audio.latency] of the rig file.
+    Sweeps are played on the actuator's channel and recorded on the loopback. First disconnect the actuator's
+    amplifier, or set a low peak. After xruns, or if sweeps come back outside the limits of [audio.delivered], the
+    command plays all of them again; after three attempts it refuses. (A simulated rig's card loses nothing in
+    xruns.) The result is the table [audio.latency] of the rig file.
     """
     from datetime import UTC, datetime
 
@@ -228,9 +233,11 @@ def calibrate_audio(
     audio = opening.audio_of(loaded)
     entry = audio.channels.loopback
     if entry is None:
-        raise RigError(rig_file, "got no audio.channels.loopback", "name it", allowed="an input cabled to the actuator")
+        raise RigError(
+            rig_file, "audio.channels.loopback is missing", "add it", allowed="an input cabled to the actuator"
+        )
     if out is not None and out.exists():
-        raise RigError(out, "got a file that exists", "name another", allowed="a new file")
+        raise RigError(out, "this file already exists", "name another", allowed="a new file")
     device = None
     with ExitStack() as opened:
         opened.enter_context(host.raised())
@@ -238,7 +245,7 @@ def calibrate_audio(
         if loaded.rig.simulated:
             from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 
-            typer.echo("SIMULATED: this sound card is software and not a device", err=True)
+            typer.echo("SIMULATED: this sound card is software, not a device", err=True)
             card = SoundCard(
                 rate_hz=audio.rate_hz, block=audio.block, inputs=audio.channels.inputs, outputs=audio.channels.outputs
             )
@@ -249,7 +256,7 @@ def calibrate_audio(
         if card is not None:
             card.disconnect(entry)
             card.connect(audio.channels.actuator, entry)
-        sweeps = f"{probes} sweeps on output {audio.channels.actuator}, to be heard on input {entry}"
+        sweeps = f"{probes} sweeps on output {audio.channels.actuator}, recorded on input {entry}"
         typer.echo(f"Playing {sweeps} ...", err=True)
         found = calibration.steadily(
             lambda: calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=peak, probes=probes),
@@ -258,11 +265,11 @@ def calibrate_audio(
         )
     today = datetime.now(tz=UTC).astimezone().date()
     days = audio.latency.calibration_days
-    divided = "as the driver reports them" if found.as_reported else "equally, for the driver does not report both"
+    divided = "as the driver reports them" if found.as_reported else "equally, because the driver does not report both"
     typer.echo(
-        f"# {found.probes} probes: round trip {found.round_trip_frames:g} frames, spread {found.spread_frames}; "
-        f"gain {found.gain:.4g}, spread {found.spread_db:.2f} dB; residual {found.residual_db:.0f} dB; "
-        f"{found.xruns} xruns\n# the round trip is divided between output and input {divided}"
+        f"# {found.probes} probes: round trip {found.round_trip_frames:g} frames, range {found.spread_frames}; gain "
+        f"{found.gain:.4g}, range {found.spread_db:.2f} dB; residual {found.residual_db:.0f} dB; {found.xruns} "
+        f"xruns\n# the round trip is divided between output and input {divided}"
     )
     typer.echo(found.table(today, days), nl=False)
     if out is not None:
@@ -277,21 +284,23 @@ def calibrate_audio(
 @calibrate.command("actuator", epilog="Example: palpate calibrate actuator --rig our-rig.toml --out new-rig.toml")
 def calibrate_actuator(
     rig: RigFile,
-    out: Annotated[Path, typer.Option("--out", help="New rig file; the response's table goes beside it.")],
+    out: Annotated[Path, typer.Option("--out", help="New rig file; the response table is written next to it.")],
     peak: Annotated[float, typer.Option("--peak", min=0.001, max=1.0, help="Highest sample; 1.0 is full scale.")] = 0.2,
-    days: Annotated[int, typer.Option("--days", min=1, max=3650, help="For how many days the calibration holds.")] = 30,
-    load: Annotated[str, typer.Option("--load", help="What stands on the panel. It may not be a person.")] = "nobody",
+    days: Annotated[
+        int, typer.Option("--days", min=1, max=3650, help="Number of days for which the calibration is valid.")
+    ] = 30,
+    load: Annotated[str, typer.Option("--load", help="Load on the panel. It must not be a person.")] = "nobody",
     panel: Annotated[
-        Path | None, typer.Option("--panel", help="File of a SIMULATED panel, for a simulated rig.")
+        Path | None, typer.Option("--panel", help="Modes file of a SIMULATED panel, for a simulated rig.")
     ] = None,
     seed: options.Seed = 1,
 ) -> None:
     """Measure the panel with the rig's accelerometer.
 
-    Nobody may be on the panel, for it moves. Multisines are played at three levels for 40 s, or 3 min if it is noisy.
-    The command prints full scale, usable band, resonances and linearity. It writes the complex response with its
-    standard error and coherence into a table, and a new rig file that names the table in [actuator.measured]. A sensor
-    that is dead, or is not on this panel, and a response that is too uncertain are refused.
+    Keep everyone off the panel, because it moves. Multisines are played at three levels for 40 s, or 3 min if it is
+    noisy. The command prints full scale, usable band, resonances and linearity. It writes a table of the complex
+    response with its standard error and coherence, and a new rig file that names the table in [actuator.measured].
+    It refuses a sensor that is dead or is not on this panel, and a response that is too uncertain.
     """
     from datetime import UTC, datetime
 
@@ -303,21 +312,21 @@ def calibrate_actuator(
     calibration.check_accelerometer(before)
     for file in (out, calibration.table_beside(out)):
         if file.exists():
-            raise RigError(file, "got a file that exists", "name another", allowed="a new file")
+            raise RigError(file, "this file already exists", "name another", allowed="a new file")
     if panel is not None and not before.rig.simulated:
-        raise RigError(rig, "is a real rig", "leave out --panel", allowed="one that says simulated = true")
+        raise RigError(rig, "is not a simulated rig", "leave out --panel", allowed="a rig with simulated = true")
     with ExitStack() as opened:
         if before.rig.simulated:
             from palpate.experiment.rehearsal.wires import bench, modes
 
-            typer.echo("SIMULATED: this panel is software and not a device", err=True)
+            typer.echo("SIMULATED: this panel is software, not a device", err=True)
             moving = modes.MovingPanel(modes.read(panel)) if panel is not None else None
             devices = opened.enter_context(bench.bench(before, moving, seed=seed))
         else:
             devices = opened.enter_context(calibration.devices(before, loudest=peak))
         try:
             input(
-                f"Load: {load}. Nobody may touch the panel: it moves for 40 s, or 3 min if it is noisy. Press Enter: "
+                f"Load: {load}. Keep everyone off the panel: it moves for 40 s, or 3 min if it is noisy. Press Enter: "
             )
             made = calibration.measure(devices, loudest=peak, seed=seed)
         except (KeyboardInterrupt, EOFError):

@@ -35,10 +35,10 @@ BEGINS_S = 30.0
 def run(
     protocol_file: ProtocolFile,
     participant: Annotated[
-        str | None, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")
+        str | None, typer.Option("--participant", "-p", help="Participant's label, such as 03.")
     ] = None,
     task: Annotated[
-        str | None, typer.Option("--task", help="Id of one of the participant's tasks [default: all that are left].")
+        str | None, typer.Option("--task", help="Id of one of the participant's tasks [default: all remaining tasks].")
     ] = None,
     rig: Annotated[Path | None, typer.Option("--rig", help="Rig file of this laboratory.")] = None,
     recordings: Annotated[
@@ -50,8 +50,8 @@ def run(
         bool,
         typer.Option(
             "--practice",
-            help="Practise with a simulated laboratory and participant; only the protocol is needed "
-            "[default folder: participants/practice-STUDY].",
+            help="Practice with a simulated laboratory and participant; only the protocol is needed [default folder: "
+            "participants/practice-STUDY].",
         ),
     ] = False,
     repetitions: Annotated[
@@ -59,14 +59,13 @@ def run(
         typer.Option(
             "--repetitions",
             min=1,
-            help="With --practice: repeat each stimulus, or pair, so often, or as often as its design allows next.",
+            help="With --practice: number of times to present each stimulus or pair, rounded up to what the design "
+            "allows.",
         ),
     ] = None,
     lines: Annotated[
         bool,
-        typer.Option(
-            "--lines", help="Ask line by line in plain text [default: a full-screen console, if this is a terminal]."
-        ),
+        typer.Option("--lines", help="Use a plain-text console [default: a full-screen console in a terminal]."),
     ] = False,
     by: AtConsole = "console",
     serve: Annotated[
@@ -74,31 +73,32 @@ def run(
         typer.Option(
             "--serve",
             metavar="ADDRESS",
-            help="Open the console in a browser instead, at an address of this machine (127.0.0.1: from it alone).",
+            help="Open the console in a browser instead, at this address of the computer (127.0.0.1 is reachable only "
+            "from this computer).",
         ),
     ] = None,
-    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="The port of that page.")] = 8000,
+    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Port of the browser page.")] = 8000,
     served: Annotated[bool, typer.Option("--served", hidden=True, help="Show the console to a browser.")] = False,
     session_at: Annotated[
         Path | None,
         typer.Option("--session-at", hidden=True, help="Run the session alone, for consoles that connect here."),
     ] = None,
 ) -> None:
-    """Run a participant's visit, or the rest of one.
+    """Run or resume a participant's visit.
 
-    It goes through the tasks in their order, a session each, with the break between. The protocol must be sealed and
-    the participant enrolled. Ctrl-C pauses the session, and the same command continues
-    it. If the rig file asks for the tracker to be zeroed, the participant first rests the foot on the panel.
+    The visit consists of the tasks in their order, one session each, with the break between them. The protocol must
+    be sealed and the participant enrolled. Ctrl-C pauses the session, and the same command continues it. If the rig
+    file requires zeroing the tracker, the participant first rests their foot on the panel.
 
-    In a terminal the session is a process of its own, and this command its console. Whoever leaves the console, or
-    loses it, comes back to the session with the same command.
+    In a terminal, the session is a separate process, and this command is its console. If you leave or lose the
+    console, run the same command to return to the session.
 
-    With --practice a simulated participant steps and says an answer, and the keys are yours. Nothing is sealed or
-    enrolled for that, and no file of a PRACTICE counts in a study.
+    With --practice, a simulated participant steps and says an answer, and you press the keys. Practice needs no seal
+    or enrollment, and its files never count in a study.
     """
     at_console = not lines and session_at is None and options.at_terminal(draws=not served and serve is None)
     if session_at is None and not served and serve is None:
-        options.at_once(f"Opening the session{' of PRACTICE, with a simulated laboratory' if practice else ''} ...")
+        options.at_once(f"Opening the {'PRACTICE session, with a simulated laboratory' if practice else 'session'} ...")
     from palpate.experiment.protocol import files
     from palpate.experiment.session import answering
     from palpate.experiment.session.visit import ending_words
@@ -109,9 +109,9 @@ def run(
         )
     if not practice and (participant is None or rig is None):
         raise SessionError(
-            "got no --participant or no --rig",
-            remedy="name them, or practise without a laboratory (--practice)",
-            allowed="both for a session with a participant",
+            "--participant or --rig is missing",
+            remedy="give both, or practice without a laboratory (--practice)",
+            allowed="both, for a session with a participant",
         )
     protocol = files.load(protocol_file)
     folder, who = _folder(protocol_file, dataset, repetitions, practice=practice), participant or "01"
@@ -122,7 +122,7 @@ def run(
         if practice or rig is None:
             from palpate.experiment.rehearsal import study
 
-            return study.practise(
+            return study.practice(
                 protocol_file=protocol_file,
                 repetitions=repetitions,
                 rig_file=rig or study.simulated_rig(protocol),
@@ -182,7 +182,7 @@ def _stated(named: Mapping[str, object]) -> Iterator[str]:
 def _folder(protocol_file: Path, dataset: Path | None, repetitions: int | None, *, practice: bool) -> Path:
     """Return where a session's dataset stands. Raises `SessionError` for a study with fewer repetitions."""
     if repetitions and not practice:
-        raise SessionError("got --repetitions", remedy="leave it out", allowed="it with --practice alone")
+        raise SessionError("got --repetitions", remedy="leave it out", allowed="--repetitions only with --practice")
     return dataset or options.default_folder(protocol_file, practice=practice, repetitions=repetitions)
 
 
@@ -218,7 +218,7 @@ def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole
         try:
             footer = once(console)
         except PauseAsked:
-            console.ended(f"{BETWEEN} The same command goes on with it.", 0)
+            console.ended(f"{BETWEEN} To continue it, run the same command.", 0)
             return
         except PalpateError as error:
             console.ended(error.sentence(), error.exit_code)
@@ -251,13 +251,15 @@ def _attend(folder: Path, participant: str, by: str) -> None:
             if left.why == "gone" and left.again:
                 continue
             if left.why == "left":
-                options.say("The session goes on without a console. The same command comes back to it.")
+                options.say("The session continues without a console. To return to it, run the same command.")
                 return
             if left.ended is not None:
                 options.say(left.ended.words)
                 raise typer.Exit(left.ended.exit_code)
             raise LinkError(
-                _last_words(said) if begun else "the session's process is gone; the same command resumes it"
+                _last_words(said)
+                if begun
+                else "the session's process has ended; to resume the session, run the same command"
             )
 
 
@@ -266,13 +268,13 @@ def _serve(host: str, port: int) -> None:
     if not hasattr(signal, "SIGHUP"):
         # The server starts each by a shell, and a console knows by its parent whether the server is there.
         raise LinkError(
-            "this system has no console in a browser", remedy="run the session in a terminal, without --serve"
+            "the browser console does not run on this system", remedy="run the session in a terminal, without --serve"
         )
     try:
         from palpate.experiment.desk.console import serve
     except ImportError as error:
         raise LinkError(
-            f"a console in a browser needs {error.name}", remedy="install palpate with its extra 'serve'"
+            f"the browser console needs {error.name}", remedy="install palpate with the extra 'serve'"
         ) from error
     serve.served(options.palpate_command(*sys.argv[1:], "--served"), host=host, port=port).serve()
 
@@ -315,4 +317,7 @@ def _last_words(said: IO[bytes]) -> str:
     said.seek(0)
     words = said.read(1 << 16).decode("utf-8", "replace").strip()
     said.seek(here)
-    return words.removeprefix("palpate: ") or "the session's process ended without a word; the same command resumes it"
+    return (
+        words.removeprefix("palpate: ")
+        or "the session's process ended without a message; to resume the session, run the same command"
+    )

@@ -12,7 +12,7 @@ from palpate.experiment.errors import PalpateError
 commands = options.room()
 tap = typer.Typer(
     rich_markup_mode=None,
-    help="Fit recorded taps, and compute an impact on a virtual block.",
+    help="Fit recorded taps, or compute an impact on a virtual block.",
     epilog="Example: palpate tap fit recording.txt",
 )
 commands.add_typer(tap, name="tap")
@@ -24,13 +24,15 @@ def fit(
     recordings: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RECORDING...", help="WAV files, text with a column of times, or LabVIEW, MATLAB or HDF5 files."
+            metavar="RECORDING...", help="WAV files, text files with a time column, or LabVIEW, MATLAB or HDF5 files."
         ),
     ],
     channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,
     taps: Annotated[
         Path | None,
-        typer.Option("--taps", help="CSV file with the columns file,surface,stiffness_n_m,speed_m_s, for L, D and f."),
+        typer.Option(
+            "--taps", help="CSV file with the columns file,surface,stiffness_n_m,speed_m_s, to derive L, D and f."
+        ),
     ] = None,
     encoding: options.Encoding = None,
     decimal: options.Decimal = None,
@@ -42,10 +44,10 @@ def fit(
 ) -> None:
     """Fit a decaying sinusoid to each recorded tap.
 
-    Frequency f, decay B and peak are fitted from the largest sample on, with standard errors that hold for correlated
-    residuals; clipped samples are left out and told. With --taps, L and D of each surface and the exponential of f over
-    stiffness are derived as Wellman and Howe do. A recording that does not ring in a single mode is called a misfit;
-    the exit code is 1 then.
+    Frequency f, decay B and peak are fitted from the largest sample on, with standard errors that are valid for
+    correlated residuals. Clipped samples are left out and reported. With --taps, L and D of each surface and the
+    exponential of f over stiffness are derived as in Wellman and Howe. A recording that does not ring in a single
+    mode is reported as a misfit; the exit code is then 1.
     """
     from dataclasses import asdict
 
@@ -77,34 +79,38 @@ def fit(
 def contact(
     stiffness: Annotated[float, typer.Option("--stiffness", help="Stiffness K of the block, N/m.")],
     damping: Annotated[float, typer.Option("--damping", help="Damping C of the block, N s/m.")],
-    mass: Annotated[float, typer.Option("--mass", help="Mass M that meets the block, kg.")],
-    speed: Annotated[float, typer.Option("--speed", help="Speed at which it meets the block, m/s.")],
+    mass: Annotated[float, typer.Option("--mass", help="Mass M that hits the block, kg.")],
+    speed: Annotated[float, typer.Option("--speed", help="Speed at which the mass hits the block, m/s.")],
     force: Annotated[
-        float, typer.Option("--force", help="Constant force that presses the mass into the block, N; below 0 it pulls.")
+        float,
+        typer.Option("--force", help="Constant force that presses the mass into the block, N; a negative force pulls."),
     ] = 0.0,
     law: Annotated[
-        str, typer.Option("--law", help="clamped: the force never pulls; printed: it pulls until r = 0.")
+        str,
+        typer.Option(
+            "--law", help="clamped (the force never pulls) or printed (as in the paper: it pulls until r = 0)."
+        ),
     ] = "clamped",
     method: Annotated[
         str,
         typer.Option(
             "--method",
-            help="exact; or for comparison euler, semi-implicit euler, rk4, implicit midpoint, exponential, "
+            help="exact or, for comparison, euler, semi-implicit euler, rk4, implicit midpoint, exponential or "
             "rk4 with events.",
         ),
     ] = "exact",
     rate: Annotated[float, typer.Option("--rate", help="Rate of the servo, Hz.")] = 2500.0,
     plot: Annotated[
         Path | None,
-        typer.Option("--plot", help="File for a plot of r, dr/dt and force by every method (.svg, .png or .pdf)."),
+        typer.Option("--plot", help="File for a plot of r, dr/dt and force for every method (.svg, .png or .pdf)."),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Compute one impact of a mass on a virtual block.
 
-    The mass meets the block at r = 0. Release, rebound, largest penetration and energies are printed, or why there are
-    none; whether the method is stable at this rate, and sees the contact at all; and the condition number, by which
-    errors of the input grow.
+    The mass meets the block at r = 0. The command prints release, rebound, largest penetration and energies (or why
+    there are none), whether the method is stable at this rate and detects the contact, and the condition number, which
+    states how much input errors grow.
     """
     from palpate.experiment.synthesis.stepping import impact
 

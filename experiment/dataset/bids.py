@@ -28,11 +28,11 @@ Origin = Literal["PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTIO
 
 LABELS: dict[Origin, str] = {
     "PARTICIPANT": "",
-    "PILOT": "PILOT - participants in the room, no data of the study",
-    "PRACTICE": "PRACTICE - simulated participants, an experimenter who practises",
+    "PILOT": "PILOT - real participants, but not study data",
+    "PRACTICE": "PRACTICE - simulated participants, experimenter in training",
     "REHEARSAL": "REHEARSAL - simulated participants",
-    "RECONSTRUCTION": "RECONSTRUCTION - consistent with the printed tables, no original data",
-    "IMPORTED": "IMPORTED - a laboratory's own answers, measured elsewhere",
+    "RECONSTRUCTION": "RECONSTRUCTION - consistent with the printed tables, not original data",
+    "IMPORTED": "IMPORTED - answers that a laboratory measured elsewhere",
 }
 """What stands at the head of every file of such a dataset; a study's own data carries no label."""
 
@@ -167,7 +167,7 @@ def description(root: Path, text: DatasetText) -> Files:
 
 def _laboratorys(path: Path) -> dict[str, Any]:
     """Return the keys of a description that are the laboratory's. Raises `DatasetError` where they cannot be read."""
-    remedy = "correct it, for what a laboratory wrote there stays; or delete it, and it is made anew"
+    remedy = "correct it (palpate preserves your own entries), or delete it and palpate will write a new one"
     try:
         found = storage.json_of(storage.read_bytes(path))
     except FileNotFoundError:
@@ -176,7 +176,7 @@ def _laboratorys(path: Path) -> dict[str, Any]:
         line = error.lineno if isinstance(error, json.JSONDecodeError) else None
         raise DatasetError(path, f"cannot be read ({storage.why(error)})", remedy, line=line) from error
     if not isinstance(found, dict):
-        raise DatasetError(path, "cannot be read (no JSON object)", remedy)
+        raise DatasetError(path, "cannot be read (not a JSON object)", remedy)
     kept = {key: value for key, value in found.items() if key not in WRITTEN}
     for key in LISTS:
         value = kept.get(key, [])
@@ -221,7 +221,7 @@ def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
     """Return `sub-P/beh/sub-P_task-T_SUFFIX`. Raises `DatasetError` for a label that is not letters and digits."""
     for what, label in (("participant", participant), ("task", task)):
         if not re.fullmatch(r"[0-9A-Za-z]+", label):
-            raise DatasetError(what, f"got {label!r}", "rename it", allowed="letters and digits, as BIDS asks")
+            raise DatasetError(what, f"got {label!r}", "rename it", allowed="letters and digits, as BIDS requires")
     return root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_{suffix}"
 
 

@@ -306,7 +306,7 @@ def raw_frames(journal_file: Path, recorded: Iterable[entries.Entry]) -> Iterato
             raise DatasetError(path, what, "restore it") from error
         if hashlib.sha256(part).hexdigest() != trace.sha256:
             of = f" of trial {entry.trial}" if isinstance(entry, entries.OfAttempt) else ""
-            what = f"the {trace.of_what[0]}{of} are not those that the journal names"
+            what = f"the {trace.of_what[0]}{of} differ from those that the journal records"
             raise DatasetError(path, what, "restore the file")
         yield part
 

@@ -36,7 +36,7 @@ FARTHEST_EAST, FARTHEST_WEST = timedelta(hours=14), timedelta(hours=-12)
 Each = Callable[[Callable[[Path], Any], Iterable[Path]], Iterable[Any]]
 """Calls a function with each path, and gives what it returns."""
 
-OPEN = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"
+OPEN = "it has no footer: the session is running or was interrupted, so tables may lack its last trials"
 """What is said of a journal whose session is open."""
 
 
@@ -175,7 +175,7 @@ def anchor(root: Path) -> Anchor:
     """Return the dataset's anchor. Raises `DatasetError` without roster and session, and as `load_sound`."""
     dataset = load_sound(root)
     if dataset.roster is None and not dataset.sessions:
-        raise DatasetError(root, "got no session", "run a session first, then anchor it", allowed="one or more")
+        raise DatasetError(root, "has no sessions", "run a session first, then make an anchor", allowed="one or more")
     return Anchor(
         anchored_utc=clock.utc(clock.wall_ns()),
         study=dataset.protocol.study.id,
@@ -237,7 +237,7 @@ def _read_journal(
         unknown = not any(isinstance(entry, Armed | Trained) or entry.frames for entry in contents.entries)
         for raw in (storage.raw_path(path, end) for end in storage.RAW[: 1 if contents.lines else 2] if unknown):
             if storage.size(raw):
-                what = f"knows of no attempt, and {raw.name} does"
+                what = f"records no attempt, but {raw.name} contains data"
                 raise DatasetError(path, what, "restore the journal from a backup")
         if not contents.lines:
             return None, "ended", None
@@ -254,11 +254,11 @@ def _expected(root: Path) -> Dataset:
     storage.refuse_other_format(root)
     kept = storage.protocol_path(root)
     if not kept.exists() and not has_journals(root):
-        got = "holds no study" if root.is_dir() else "is no folder"
-        allowed = "the folder of a study's dataset, which holds sourcedata"
-        raise DatasetError(root, got, "give that one, or restore its sourcedata from a backup", allowed=allowed)
+        got = "does not contain a study" if root.is_dir() else "is not a folder"
+        allowed = "the folder of a study's dataset, which contains sourcedata"
+        raise DatasetError(root, got, "give the right folder, or restore its sourcedata from a backup", allowed=allowed)
     if storage.shared_path(root).exists():
-        raise DatasetError(root, "is a copy that was shared, and has no journals", allowed="palpate verify and analyse")
+        raise DatasetError(root, "is a shared copy without journals", allowed="palpate verify and analyse")
     protocol = files.load(kept)
     plan_file = storage.plan_path(root)
     if not plan_file.exists():
@@ -280,14 +280,12 @@ def _expected(root: Path) -> Dataset:
     try:
         plan = Plan.model_validate_json(storage.read_bytes(plan_file))
     except (OSError, ValidationError) as error:
-        raise DatasetError(
-            plan_file, "is no plan of a rehearsal or of practice", "restore it, or begin anew"
-        ) from error
+        raise DatasetError(plan_file, "is not a rehearsal or practice plan", "restore it, or start again") from error
     for path in (storage.roster_path(root), storage.seed_path(root)):
         if path.exists():
-            raise DatasetError(path, f"stands in the dataset of {plan.what}", "take it out of there", allowed="none")
+            raise DatasetError(path, f"does not belong to {plan.what}", "move it elsewhere", allowed="none")
     if plan.protocol_sha256 != approval.sha256(protocol):
-        raise DatasetError(kept, f"is not the protocol of this {plan.label}", "restore it, or begin anew")
+        raise DatasetError(kept, f"is not the protocol of this {plan.label}", "restore it, or start again")
     drawn = allocate(protocol, plan.seed)[: plan.participants]
     tasks, groups = ({one.participant: one.tasks for one in drawn}, {one.participant: one.group for one in drawn})
     return Dataset(root, protocol, plan.label, plan.seed, tasks, plan, groups=groups)
@@ -299,10 +297,10 @@ def _later_versions(root: Path, roster: Roster) -> Iterator[tuple[str, Protocol]
         path = storage.protocol_path(root, one.number)
         for file in (path, approval.seal_path(path)):
             if not file.exists():
-                raise DatasetError(file, "is missing, and the roster names it", "restore it from a backup")
+                raise DatasetError(file, "is listed in the roster but is missing", "restore it from a backup")
         protocol = files.load(path)
         if approval.sha256(protocol) != one.protocol_sha256 or approvals.seal_sha256(path) != one.seal_sha256:
-            what = f"this or its seal is not that of approval {one.number} in the roster"
+            what = f"this file or its seal does not match approval {one.number} in the roster"
             raise DatasetError(path, what, "restore both from a backup")
         yield one.protocol_sha256, protocol
 
@@ -318,8 +316,8 @@ def _erased(dataset: Dataset) -> Iterator[Finding]:
         left = dataset.people.left_of(dataset.root, participant)
         files = [one for path in left for one in (path, *path.rglob("*")) if not one.is_dir()] or left
         for path in sorted(files, key=lambda path: (path.suffix != ".jsonl", path.name[:4] != "sub-"))[:1]:
-            these = f"this and {len(files) - 1} other files of theirs are" if len(files) > 1 else "this is"
-            what = f"the data of participant {participant} were erased, as the roster says, and {these} here"
+            these = f"this and {len(files) - 1} of their other files are" if len(files) > 1 else "this file is"
+            what = f"the roster records that the data of participant {participant} were erased, but {these} here"
             yield Finding(what, path, remedy=finish_withdrawal(dataset.root, dataset.people, participant))
 
 
@@ -327,8 +325,8 @@ def finish_withdrawal(root: Path, roster: Roster, participant: str) -> Remedy:
     """Return what finishes the withdrawal of a participant."""
     erased, given = participant in roster.erased, ("--reason", roster.withdrawn[participant], "--dataset", str(root))
     command = ("palpate", "withdraw", str(storage.protocol_path(root)), "-p", participant, *given)
-    choice = "" if erased else ", with --erase if their data are to go"
-    words = f"the withdrawal of participant {participant} is finished by the same command{choice}: {{}}"
+    choice = "" if erased else " (add --erase to erase their data)"
+    words = f"to finish the withdrawal of participant {participant}, run the same command again{choice}: {{}}"
     return Remedy(words, (*command, "--erase") if erased else command)
 
 
@@ -352,9 +350,9 @@ def _strays(dataset: Dataset) -> Iterator[Finding]:
         if path.name.startswith("._"):
             # What macOS leaves beside each file is no journal.
             continue
-        what = "looks like a journal, and no session of this dataset writes one there"
+        what = "looks like a journal, but no session in this dataset writes a journal there"
         allowed = "sourcedata/sub-P/sub-P_task-T_journal.jsonl"
-        yield Finding(what, path, allowed=allowed, remedy="take it out of the dataset")
+        yield Finding(what, path, allowed=allowed, remedy="move it out of the dataset")
 
 
 def _frames_alone(dataset: Dataset) -> Iterator[Finding]:
@@ -363,7 +361,7 @@ def _frames_alone(dataset: Dataset) -> Iterator[Finding]:
     source = dataset.root / "sourcedata"
     for path in sorted(path for end in storage.RAW for path in source.glob(f"sub-*/*_{end}")):
         if path not in known and storage.size(path):
-            yield Finding("the journal of these frames is missing", path, remedy="restore it from a backup")
+            yield Finding("the journal for these frames is missing", path, remedy="restore it from a backup")
 
 
 def _copies(dataset: Dataset) -> Iterator[Finding]:
@@ -371,8 +369,8 @@ def _copies(dataset: Dataset) -> Iterator[Finding]:
     by_id: dict[str, Path] = {}
     for path, header in dataset.sessions:
         if (other := by_id.setdefault(header.session_id, path)) != path:
-            what, allowed = f"has the session_id of {other}", "one of its own"
-            yield Finding(what, path, allowed=allowed, remedy="take the copy out")
+            what, allowed = f"has the same session_id as {other}", "a different session_id"
+            yield Finding(what, path, allowed=allowed, remedy="move the copy out of the dataset")
 
 
 def _levels(dataset: Dataset) -> Iterator[Finding]:
@@ -401,7 +399,7 @@ def _check_header(path: Path, header: Header, study: Dataset) -> None:
         raise _foreign(path, f"participant {participant}, task {task}", str(own.relative_to(study.root)))
     known = study.tasks.get(participant)
     if known is None:
-        raise _foreign(path, f"participant {participant}", f"{min(study.tasks)} to {max(study.tasks)}, as planned")
+        raise _foreign(path, f"participant {participant}", f"{min(study.tasks)} to {max(study.tasks)}, as in the plan")
     if task not in known:
         raise _foreign(path, f"task {task}", f"{', '.join(known)}, the tasks of participant {participant}")
     plan, protocol = study.plan, study.version(header)
@@ -419,19 +417,19 @@ def _check_header(path: Path, header: Header, study: Dataset) -> None:
     }
     for name, allowed in expected.items():
         if (got := getattr(header, name)) != allowed:
-            raise _foreign(path, f"{name} {got}", f"{allowed}, as everywhere in this dataset")
+            raise _foreign(path, f"{name} {got}", f"{allowed}, as in the rest of this dataset")
     seed, presents = study.seed, protocol.materials_of(protocol.task(task))
     if foreign := sorted({one for trial in header.order for one in trial.presented}.difference(presents)):
         raise _foreign(path, f"trials with {', '.join(foreign)}", f"{', '.join(presents)}, which task {task} presents")
     if header.order != schedule.schedule(protocol=protocol, participant=participant, task_id=task, seed=seed):
-        raise _foreign(path, "another order of trials", "the one that protocol and seed give")
+        raise _foreign(path, "a different order of trials", "the order that follows from the protocol and the seed")
     if study.roster is not None and study.approvals is not None:
         _check_enrolment(path, header, study.roster, study.approvals, protocol)
 
 
 def _foreign(path: Path, got: str, allowed: str) -> DatasetError:
-    what = f"is not of this dataset: its header has {got}"
-    remedy = "take the journal out of the dataset, or put it back where it came from"
+    what = f"does not belong to this dataset: its header has {got}"
+    remedy = "move the journal out of the dataset, or back to where it came from"
     return DatasetError(path, what, remedy, allowed=allowed)
 
 
@@ -454,7 +452,7 @@ def _check_enrolment(path: Path, header: Header, roster: Roster, known: Approval
         if error.finding.where == roster.path:
             # The roster was cut; the sessions that began under its last lines are as they were.
             raise
-        what = f"the session was not allowed to begin: {error.finding.observation()}"
+        what = f"the session should not have begun: {error.finding.observation()}"
         raise RosterError.at(replace(error.finding, where=path, what=what)) from error
 
 
@@ -471,16 +469,16 @@ def _check_approval(header: Header, roster: Roster, known: Approvals, days: tupl
     """Refuse a session that began without the approval that its header names, by the lines of the roster until then."""
     one = known.approved[known.number_of(header.seal_sha256) - 1]
     if (one.seal_sha256, one.protocol_sha256) != (header.seal_sha256, header.protocol_sha256):
-        what = f"it names the seal {str(header.seal_sha256)[:12]}, which no approval had that was on record then"
+        what = f"its seal {str(header.seal_sha256)[:12]} did not belong to any approval then on record"
         raise RosterError(what, remedy="if a seal was changed or replaced, restore it from a backup")
     if all(known.stop(day) for day in days):
-        raise RosterError("the approval was suspended or had ended")
+        raise RosterError("the approval had been suspended or had ended")
     if all(day < one.from_on or day > one.expires_on for day in days):
         what = f"approval {one.number} was valid from {one.from_on} to {one.expires_on}"
-        raise RosterError(f"{what}, and the session began on {header.started_utc[:10]}")
+        raise RosterError(f"{what}, but the session began on {header.started_utc[:10]}")
     consented = known.approved[roster.consented.get(header.participant, 1) - 1]
     if header.consent_sha256 not in (None, consented.protocol_sha256):
-        raise RosterError("consent was to another version than its header names")
+        raise RosterError("the participant had consented to a different version of the protocol")
 
 
 def _tables_alone(dataset: Dataset) -> Iterator[Finding]:
@@ -489,8 +487,8 @@ def _tables_alone(dataset: Dataset) -> Iterator[Finding]:
     for path in sorted(dataset.root.glob("sub-*/beh/sub-*_task-*")):
         who, task = path.name.split("_")[:2]
         if f"{who}_{task}_" not in begun and who.removeprefix("sub-") not in dataset.people.erased:
-            remedy = "restore the journal under sourcedata from a backup, or take the table out of the dataset"
-            yield Finding("no journal gives this table", path, remedy=remedy)
+            remedy = "restore the journal under sourcedata from a backup, or move the table out of the dataset"
+            yield Finding("this table has no journal", path, remedy=remedy)
 
 
 def _lost_sessions(dataset: Dataset) -> Iterator[Finding]:
@@ -500,8 +498,8 @@ def _lost_sessions(dataset: Dataset) -> Iterator[Finding]:
     root, table = dataset.root, dataset.root / "participants.tsv"
     for who in dataset.people.consent_on:
         if (got := dataset.people.groups.get(who, "")) != (drawn := dataset.groups.get(who, "")):
-            what = f"participant {who} is in the group '{got}', and '{drawn}' was drawn"
-            yield Finding(what, dataset.people.path, remedy="restore roster and protocol from a backup")
+            what = f"participant {who} is in group '{got}', but was allocated to group '{drawn}'"
+            yield Finding(what, dataset.people.path, remedy="restore the roster and the protocol from a backup")
     for row in table_rows(table):
         participant, first = row.get("participant_id", "").removeprefix("sub-"), row.get("first_task", "")
         tasks = dataset.tasks.get(participant, ())
@@ -509,8 +507,8 @@ def _lost_sessions(dataset: Dataset) -> Iterator[Finding]:
         wanted = {path for path, task in own.items() if task == first} or own.keys()
         erased = any(dataset.people.has_erased(str(path)) for path in wanted)
         if wanted and not erased and dataset.begun.isdisjoint(wanted):
-            lost = f"is missing, and {table.name} has a session of participant {participant}"
-            words = f"if no such session took place, {table.name} was edited: delete that, and make it again"
+            lost = f"is missing, although {table.name} lists a session of participant {participant}"
+            words = f"if there was no such session, {table.name} was edited; delete it, then make it again"
             remedy = build_again(root, words, suffices=False)
             yield Finding(f"{lost}; restore the journal from a backup", min(wanted), remedy=remedy)
 
@@ -524,7 +522,7 @@ def _forgotten_withdrawals(root: Path, roster: Roster, marked: Iterable[Path]) -
     """Yield each withdrawal that is not in the roster, but `marked` in journals or in a file of its own."""
     for path in sorted({*marked, *(root / "sourcedata").glob("sub-*/sub-*_withdrawn.json")}):
         if (participant := path.parent.name.removeprefix("sub-")) not in roster.withdrawn:
-            what = f"participant {participant} withdrew, as {path} says, and the roster does not"
+            what = f"participant {participant} withdrew according to {path}, but not according to the roster"
             yield Finding(what, roster.path, remedy="restore the roster from a backup")
 
 

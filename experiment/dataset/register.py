@@ -95,12 +95,12 @@ def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
     Raises `DatasetError` if the register is inside of the dataset or unwritable, signing fails, and as `check_state`.
     """
     if to.resolve().is_relative_to(root.resolve()):
-        raise DatasetError(to, "the register would stand inside the dataset", "choose one", allowed="any other place")
+        raise DatasetError(to, "is inside the dataset", "choose another place", allowed="a place outside the dataset")
     check_state(root, to, (anchor.study, anchor.purpose))
     kept = Kept(anchor=anchor, signature=_signature(anchor, key) if key else None)
     begun = not to.exists()
     if not begun and storage.size(to) and not read(to)[0]:
-        raise DatasetError(to, "holds no anchor, so it is no register", "name one", allowed="a register, or a new file")
+        raise DatasetError(to, "is not a register: it has no anchors", "give one", allowed="a register or a new file")
     append(to, kept)
     return f"Anchored in {to}{', signed' if key else ''}." + (" This register is a new file." if begun else "")
 
@@ -119,9 +119,9 @@ def check_state(root: Path, register: Path, of: tuple[str, Purpose]) -> None:
     anchor, prefix = others[-1]
     raise DatasetError(
         register,
-        f"holds another state of this dataset: up to line {prefix.lines}, {prefix.file} is not as it was when it was "
-        f"anchored on {anchor.anchored_utc[:10]}; a backup was restored, or there are two copies",
-        "go on with the state that was anchored last, or, if that is lost, name a new register",
+        f"records a different state of this dataset: the first {prefix.lines} lines of {prefix.file} differ from "
+        f"those anchored on {anchor.anchored_utc[:10]}; a backup was restored, or there are two copies",
+        "continue with the state that was anchored last; if that state is lost, give a new register",
     )
 
 
@@ -161,7 +161,7 @@ def log_findings(root: Path, roster: Roster, of: tuple[str, Purpose] | None = No
     log = root / LOG
     kept, broken = read(log) if log.exists() else ((), ())
     if broken and not kept:
-        yield Finding("holds no anchor that can be read", log, remedy="restore it from a backup")
+        yield Finding("has no readable anchors", log, remedy="restore it from a backup")
     if of and (foreign := foreign_anchors(log, kept, of)):
         yield foreign
     anchors = tuple(one.anchor for one in kept if of in (None, (one.anchor.study, one.anchor.purpose)))
@@ -174,7 +174,7 @@ def foreign_anchors(log: Path, kept: Sequence[Kept], *known: tuple[str, Purpose]
     """Return the finding of a dataset's log that has anchors of studies and purposes which are not its `known` ones."""
     if others := sorted({(one.anchor.study, one.anchor.purpose) for one in kept}.difference(known)):
         named = " and ".join(f"the {purpose} {study}" for study, purpose in others)
-        return Finding(f"has anchors of another dataset: {named}", log, remedy="restore it from a backup")
+        return Finding(f"has anchors for another dataset: {named}", log, remedy="restore it from a backup")
     return None
 
 
@@ -217,20 +217,23 @@ def contradictions(
         if not broken:
             continue
         first, last = broken[0], broken[-1]
-        it = "the roster first, which shows whether this was erased" if _may_be_erased(root, roster, name) else "it"
+        it = "the roster first, which shows whether the file was erased" if _may_be_erased(root, roster, name) else "it"
         if first.lines > len(hashes):
             gone = last.lines - len(hashes)
             are, by = "is" if gone == 1 else "are", f"the anchor of {last.day} in {last.place}"
             text = (
-                f"an older state, or one that went on from there: {gone} of its {last.lines} lines {are} missing since "
-                f"{by}; compare both, for each may have lines that the other lacks, and go on with the newer"
+                f"is an older state, or a continuation of one: {gone} of the {last.lines} lines {are} missing that "
+                f"were in {by}; compare both, because each may have lines that the other lacks, and continue with the "
+                "newer one"
                 if hashes
-                else f"is missing: it had {last.lines} {'line' if last.lines == 1 else 'lines'} by {by}; restore {it}"
+                else f"is missing: it had {last.lines} {'line' if last.lines == 1 else 'lines'} in {by}; restore {it}"
             )
         else:
             kept = max((one.lines for one in anchored if one.same and one.lines < first.lines), default=0)
-            where = f"line {first.lines}" if first.lines == kept + 1 else f"a line from {kept + 1} to {first.lines}"
-            text = f"{where} is another than by the anchor of {first.day} in {first.place}: the file was made anew"
+            where = (
+                f"line {first.lines}" if first.lines == kept + 1 else (f"one of the lines {kept + 1} to {first.lines}")
+            )
+            text = f"{where} differs from the anchor of {first.day} in {first.place}: the file was rewritten"
         yield Finding(text, root / name)
 
 
@@ -244,7 +247,7 @@ def _may_be_erased(root: Path, roster: Roster | None, name: str) -> bool:
 
 def _signature(anchor: Anchor, key: Path) -> str:
     if not key.is_file():
-        raise DatasetError(key, "is no file", "give its path", allowed="a private SSH key")
+        raise DatasetError(key, "is not a file", "give its path", allowed="a private SSH key")
     done = ssh_keygen(("sign", "-f", str(key)), anchor)
     if done.returncode:
         why = " ".join(done.stderr.decode("utf-8", "replace").split())
@@ -259,7 +262,7 @@ def ssh_keygen(asked: Sequence[str], anchor: Anchor) -> subprocess.CompletedProc
         return subprocess.run(command, input=anchor.canonical, capture_output=True, check=False)  # noqa: S603
     except FileNotFoundError as error:
         raise DatasetError(
-            "ssh-keygen is not installed", remedy="install the OpenSSH client, then do it again"
+            "ssh-keygen is not installed", remedy="install the OpenSSH client, then try again"
         ) from error
 
 
@@ -277,4 +280,4 @@ def append(path: Path, kept: Kept) -> None:
             storage.sync_folder(path.parent)
     except OSError as error:
         why = error.strerror or error
-        raise DatasetError(path, f"the anchor cannot be written ({why})", "make the file reachable") from error
+        raise DatasetError(path, f"the anchor cannot be written ({why})", "make it writable") from error

@@ -79,7 +79,7 @@ class Person:
     def standing(self) -> str:
         """Where somebody under way stands, in a sentence."""
         if self.task is None:
-            return f"{self.participant} is between tasks: {self.place} comes next."
+            return f"{self.participant} is between tasks; {self.place} is next."
         footer, left, of = self.task.footer, len(self.task.remaining), self.task.trials
         how = {"paused": "is paused", "error": "ended with an error"}.get(footer.reason if footer else "", "is open")
         where, trained = f"{self.participant}, {self.task.header.task} ({self.place})", self.task.training_words
@@ -144,7 +144,7 @@ class Status:
             return None
         given = ("--participant", self.to_enrol, "--dataset", str(self.root))
         command = ("palpate", "enrol", str(storage.protocol_path(self.root)), *given)
-        return Finding(f"{self.to_enrol} is to be enrolled", remedy=Remedy("run {}", command), verdict="warns")
+        return Finding(f"{self.to_enrol} is next to enroll", remedy=Remedy("run {}", command), verdict="warns")
 
     def those(self, state: State) -> list[Person]:
         """Return the participants in a state, in the order of enrolment."""
@@ -215,7 +215,7 @@ class Status:
                 shorten(f"{self.heading}: {self.title}", COLUMNS, placeholder=" ..."),
                 *wrap(self.seal, COLUMNS),
                 *wrap(f"{self.planned} participants planned, {len(self.people)} enrolled: {told}.", COLUMNS),
-                *wrap(f"Excluded by the protocol's rules, of those done: {left_out}.", COLUMNS),
+                *wrap(f"Complete but excluded by the protocol's rules: {left_out}.", COLUMNS),
                 "",
                 *self._table(),
                 *_listed("Groups:", [f"{name}: {_states(counts)}" for name, counts in self.groups().items()]),
@@ -224,7 +224,7 @@ class Status:
                 *_listed("Under way:", [one.standing for one in under_way]),
                 *_listed("Next:", come),
                 *_listed("Adverse events and deviations:", [one.sentence for one in reversed(self.incidents)]),
-                *_listed("AGAINST THE EVIDENCE (palpate verify tells more):", self.doubts, self.root),
+                *_listed("PROBLEMS IN THE DATA (run palpate verify for details):", self.doubts, self.root),
                 *_listed("To do:", self.reminders, self.root),
             ]
         )
@@ -237,7 +237,7 @@ class Status:
             rest = sum((counts for _, counts in rows[SHOWN:]), Counter[str]())
             rows[SHOWN:] = [(f"{len(rows) - SHOWN} other orders", rest)]
         if gone := sum(not one.begun for one in self.those("withdrawn")):
-            rows.append(("no session (erased, or none begun)", Counter(withdrawn=gone)))
+            rows.append(("no session (erased or never begun)", Counter(withdrawn=gone)))
         for order, counts in [*rows, ("all", sum((counts for _, counts in rows), Counter[str]()))]:
             yield f"{order:34}" + "".join(f"{counts[column]:>{len(column) + 2}}" for column in TABLE)
 
@@ -247,7 +247,7 @@ class Status:
         if len(found) > MOST_ARMS:
             found = {(f"{len(found)} orders of tasks",): sum(found.values(), Counter[str]())}
         aside = Counter(one.state for one in self.people if not one.begun)
-        beside = [f"In no order below: n = {aside.total()}", f"to begin: {aside['to begin']}"]
+        beside = [f"Not in any order below: n = {aside.total()}", f"to begin: {aside['to begin']}"]
         gone = [one.participant for one in self.those("withdrawn") if not one.begun]
         erased = len(self.erased.intersection(gone))
         beside += [f"withdrew before beginning: {len(gone) - erased}", f"withdrew, data erased: {erased}"]
@@ -261,7 +261,7 @@ class Status:
             for _, n in arms
         ]
         left = sum(n["done"] - n["excluded"] for _, n in arms)
-        analysed = f"Can be analysed: {'' if known else 'at most '}n = {left}"
+        analysed = f"Available for analysis: {'' if known else 'at most '}n = {left}"
         enrolled = f"Enrolled: n = {len(self.people)}\n(planned: {self.planned})"
         stages = (
             ("Enrolment", (enrolled,)),
@@ -291,11 +291,11 @@ def status(given: Path, today: date) -> Status:
     if not checks.has_journals(root):
         described = (root / "dataset_description.json").exists()
         alone = tables.ALONE.get(tables.origin_of(root)) if described else None
-        remedy = Remedy("enrol somebody first", ("palpate", "enrol", "PROTOCOL"))
+        remedy = Remedy("enroll a participant first", ("palpate", "enrol", "PROTOCOL"))
         if alone:
-            words = f"it holds {alone}, of which {{}} makes tables and a report"
+            words = f"it contains {alone}; to make tables and a report: {{}}"
             remedy = Remedy(words, ("palpate", "analyse", str(root)))
-        raise DatasetError(root, "holds no study", remedy, allowed="the dataset of one")
+        raise DatasetError(root, "does not contain a study", remedy, allowed="the dataset of a study")
     dataset = checks.load(root)
     found = tuple(checks.findings(dataset))
     doubts = tuple(one for one in found if one.refuses)
@@ -316,7 +316,7 @@ def status(given: Path, today: date) -> Status:
         elif begun:
             state = "done" if len([one for one in begun if one.complete]) == len(order) else "under way"
         people.append(Person(participant, order, state, begun, dataset.groups.get(participant, "")))
-    sealed, wanted = "Nobody has to approve a simulation.", list[Finding]()
+    sealed, wanted = "A simulation needs no approval.", list[Finding]()
     if known is not None:
         sealed, wanted = _seal(root, protocol_file, dataset, people, today)
     keep_until = _keep_until(dataset, people)
@@ -367,16 +367,16 @@ def _seal(
     """Return the approval in a sentence, and what to do about it, by the seal that `palpate run` would check."""
     known = dataset.approvals
     if known is not None and (stop := known.stop(today)) is not None:
-        return f"{stop.kind.upper()} since {stop.from_on}. No session may run. Reason: {stop.reason}.", []
+        return f"{stop.kind.upper()} since {stop.from_on}. No sessions are allowed. Reason: {stop.reason}.", []
     latest = known.covering(today, visit=None) if known else None
     file = protocol_file or storage.protocol_path(root, latest.number if latest else 1)
     if protocol_file is None and not approval.seal_path(file).exists():
-        return "No session has begun, so no seal is kept here; the one beside the protocol's file counts.", []
+        return "No session has begun, so this folder has no seal yet; the seal next to the protocol file applies.", []
     version = files.load(file)
     told, _ = sealing.state(file, version, today)
     wanted = []
     if protocol_file and approval.sha256(version) not in _in_force(dataset, people, today):
-        what = f"{file} is another version of the protocol than the dataset's, so no session can be run with it"
+        what = f"{file} differs from the dataset's version of the protocol, so it cannot be used for sessions"
         words = "if the board approved it for this study, seal it, then run {}"
         amend = ("palpate", "amend", str(file), "--dataset", str(root))
         wanted.append(Finding(what, remedy=Remedy(words, amend, suffices=False)))
@@ -385,13 +385,11 @@ def _seal(
     except ProtocolError:
         words, replaces = "Have the protocol approved and sealed: {}", approval.seal_path(file).exists()
         if known is not None:
-            words = "Have the approval renewed, seal the protocol again ({}), then run palpate amend"
+            words = "Renew the approval, seal the protocol again ({}), then run palpate amend"
         seal_it = approval.seal_again(protocol_file or Path("PROTOCOL"), words, *(["--replace"] if replaces else []))
         return told, [*wanted, Finding("", remedy=seal_it)]
     if seal.expires_on - today <= SOON:
-        what = (
-            f"The approval ends on {seal.expires_on}; have it renewed, seal the protocol again, then run palpate amend."
-        )
+        what = f"The approval ends on {seal.expires_on}; renew it, seal the protocol again, then run palpate amend."
         wanted.append(Finding(what))
     return f"Sealed until {seal.expires_on}, approval number {seal.approval_number}.", wanted
 
@@ -420,18 +418,18 @@ def _reconsent(root: Path, dataset: Dataset, today: date) -> Iterator[Finding]:
         file = storage.protocol_path(root, dataset.approvals.version_on(on))
         given = ("--participant", left[0], "--consent-on", "DAY", "--dataset", str(root))
         remedy = Remedy("{}", ("palpate", "consent", str(file), *given), suffices=len(left) == 1)
-        yield Finding(f"Consent to the amendment, before their next session: {_people(left)}", remedy=remedy)
+        yield Finding(f"Before the next session, record consent to the amendment by {_people(left)}", remedy=remedy)
 
 
 def _reminders(root: Path, dataset: Dataset, people: list[Person], today: date) -> Iterator[Finding]:
     asked = dataset.roster.consent_on if dataset.roster and dataset.protocol.consent.required else {}
     on = today if dataset.roster is None else dataset.roster.known_day(today)
     if on > today:
-        what = f"This machine's clock shows {today}, and the roster's last line is of {on}"
-        yield Finding(what, remedy="set the clock before the next session")
+        what = f"This computer's clock shows {today}, but the last line of the roster is dated {on}"
+        yield Finding(what, remedy="correct the clock before the next session")
     for one in people:
         if one.state == "to begin" and asked.get(one.participant, date.min) is None:
-            words = f"Record the consent of participant {one.participant} before their session: {{}}"
+            words = f"Record consent for participant {one.participant} before the session: {{}}"
             given = ("--participant", one.participant, "--consent-on", "DAY", "--dataset", str(root))
             version = 1 if dataset.approvals is None else dataset.approvals.version_on(on)
             command = ("palpate", "consent", str(storage.protocol_path(root, version)), *given)
@@ -439,18 +437,18 @@ def _reminders(root: Path, dataset: Dataset, people: list[Person], today: date) 
         if one.task is not None and one.task.footer is None and one.state == "under way":
             again = GOES_ON.get(dataset.purpose, "palpate run")
             yield Finding(
-                f"Participant {one.participant}: the session of task {one.task.header.task} has no end on record. "
-                f"Unless it is running now, it was cut off; {again} goes on with it."
+                f"Participant {one.participant}: the session of task {one.task.header.task} has no recorded end. "
+                f"Unless it is running now, it was interrupted; {again} continues it."
             )
     for stop in () if dataset.approvals is None else dataset.approvals.stops:
         if stop.from_on > on:
-            yield Finding(f"From {stop.from_on} on the study is {stop.kind}: {stop.reason}.")
+            yield Finding(f"As of {stop.from_on}, the study is {stop.kind}: {stop.reason}.")
     yield from _reconsent(root, dataset, today)
     yield from _unasked(root, dataset, people)
     if warning := privacy.readers_warning(root):
         yield Finding(warning)
     if (free := shutil.disk_usage(root).free) < LEAST_FREE:
-        full = f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."
+        full = f"The dataset's disk is nearly full ({free / 1e6:,.0f} MB free); free space before the next session."
         yield Finding(full)
 
 
@@ -462,8 +460,8 @@ def _unasked(root: Path, dataset: Dataset, people: list[Person]) -> Iterator[Fin
     if left := [one.participant for one in people if one.state != "withdrawn" and one.participant not in answered]:
         path = storage.protocol_path(root, latest[-1].number if latest else 1)
         ask = ("palpate", "facts", str(path), "--participant", left[0], "--dataset", str(root))
-        what = f"Nothing that the protocol asks of people is on record of {_people(left)}"
-        yield Finding(what, remedy=Remedy("ask them, one at a time: {}", ask, suffices=False))
+        what = f"The protocol's questions about participants have not been answered for {_people(left)}"
+        yield Finding(what, remedy=Remedy("ask one participant at a time: {}", ask, suffices=False))
 
 
 def _keep_until(dataset: Dataset, people: list[Person]) -> dict[str, date]:
@@ -494,12 +492,14 @@ def _due(root: Path, keep_until: Mapping[str, date], today: date) -> Iterator[Fi
     given = ("--participant", "LABEL", "--reason", "REASON", "--erase", "--dataset", str(root))
     erase = ("palpate", "withdraw", str(storage.protocol_path(root)), *given)
     if over:
-        what = f"OVERDUE: the data of {_people(over)} were to be kept until {min(over.values())}, as the protocol says"
-        by_hand = "or delete the whole dataset by hand once nothing of it may be kept; backups, copies and exports too"
+        what = f"OVERDUE: the protocol allowed data of {_people(over)} to be kept only until {min(over.values())}"
+        by_hand = (
+            "or delete the whole dataset by hand once none of it may be kept, including backups, copies and exports"
+        )
         yield Finding(what, remedy=Remedy(f"erase them ({{}} for each), {by_hand}", erase, suffices=False))
     if soon:
-        what = f"The data of {_people(soon)} may be kept until {min(soon.values())}, as the protocol says"
-        words = "be ready to erase them after that day ({} for each), or to delete the dataset by hand"
+        what = f"The protocol allows data of {_people(soon)} to be kept until {min(soon.values())}"
+        words = "erase them after that day ({} for each), or delete the dataset by hand"
         yield Finding(what, remedy=Remedy(words, erase, suffices=False))
 
 
@@ -524,4 +524,4 @@ def _listed(heading: str, sentences: Sequence[str | Finding], root: Path = Path(
     for one in sentences[:SHOWN]:
         yield from (one if isinstance(one, Finding) else Finding(one)).lines(COLUMNS, ("  ", "    "), root)
     if len(sentences) > SHOWN:
-        yield f"  ... and {len(sentences) - SHOWN} more (--json has all)."
+        yield f"  ... and {len(sentences) - SHOWN} more (--json lists all)."

@@ -33,7 +33,7 @@ def origin_of(root: Path) -> str:
     try:
         return str(storage.json_of(storage.read_bytes(root / "dataset_description.json"))["Palpate"]["Origin"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DatasetError(root, "is no dataset of palpate", "give the folder that holds sourcedata") from error
+        raise DatasetError(root, "is not a palpate dataset", "give the folder that contains sourcedata") from error
 
 
 READ = {
@@ -45,10 +45,10 @@ READ = {
 OF_INCIDENTS = (*get_args(IncidentKind), "informed")
 """Kinds of lines of a roster that tell of an adverse event or a deviation."""
 
-ALONE = {"RECONSTRUCTION": "only counts from print", "IMPORTED": "only what was imported"}
+ALONE = {"RECONSTRUCTION": "only counts from a publication", "IMPORTED": "only imported answers"}
 """What stands behind tables that never had a journal, by their origin."""
 
-UNMADE = "a rehearsal makes its tables at its end, and not all are there yet; the same palpate rehearse goes on with it"
+UNMADE = "a rehearsal makes its tables at the end, and some are missing; run the same palpate rehearse to continue it"
 
 
 def unmade(root: Path, dataset: Dataset) -> bool:
@@ -75,8 +75,8 @@ def check_tables(root: Path) -> Dataset:
     if none:
         raise DatasetError(
             root,
-            "no session has ended yet, and no table has been made",
-            build_again(root, "end one, or have tables made of what was answered so far", suffices=False),
+            "no session has ended yet, so there are no tables",
+            build_again(root, "end a session, or make tables from the answers recorded so far", suffices=False),
         )
     return dataset
 
@@ -94,7 +94,7 @@ def check_analysed(root: Path) -> tuple[str, ...]:
                 raise DatasetError.at(finding)
         return ()
     if (root / "dataset_description.json").exists() and origin_of(root) not in ("RECONSTRUCTION", "IMPORTED"):
-        return (f"{root}: no journal stands behind these tables, so a changed cell would not show",)
+        return (f"{root}: these tables have no journals, so palpate cannot detect a changed cell",)
     return ()
 
 
@@ -145,7 +145,7 @@ def _of_study(dataset: Dataset) -> list[Finding]:
     """
     unlike = _of_study_as_known(dataset)
     if unlike and any(not _of_study_as_known(replace(dataset, roster=then)) for then in _before(dataset.people)):
-        what = "is older than the roster, which tells more of adverse events or deviations"
+        what = "is older than the roster, which has newer adverse events or deviations"
         remedy = build_again(dataset.root, "make it again")
         return [] if dataset.under_way else [Finding(what, one.where, remedy=remedy) for one in unlike]
     return unlike
@@ -200,7 +200,7 @@ def _has_table(root: Path, header: entries.Header) -> bool:
     return bids.beh_path(root, header.participant, header.task, "events.tsv").exists()
 
 
-CAUSE = "it was edited, or the journals are newer, or were changed themselves"
+CAUSE = "it was edited, or the journals are newer or have changed"
 """A journal that was cut, its head too, leaves nothing else behind that knows of what is gone."""
 
 
@@ -211,7 +211,9 @@ def _difference(root: Path, path: Path, content: bytes) -> Finding | None:
     keys = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
     if keys is None and path.suffix != ".tsv":
         return None
-    remedy = build_again(root, "compare both with a backup, then make the tables again", suffices=False)
+    remedy = build_again(
+        root, "compare the table and the journal with a backup, then make the tables again", suffices=False
+    )
     older = _format_of(root) != storage.DATASET_FORMAT
     what = _differing_line(path, content, older=older) if keys is None else _differing_key(path, content, keys)
     return Finding(f"{what}: {CAUSE}", path, remedy=remedy) if what else None
@@ -220,9 +222,7 @@ def _difference(root: Path, path: Path, content: bytes) -> Finding | None:
 def _older(root: Path, unlike: Sequence[Finding]) -> Iterator[Finding]:
     """Yield what is wrong with tables that journals gave before their last lines, as a kill leaves them."""
     for one in unlike:
-        yield Finding(
-            "is older than the journals, which gave it before", one.where, remedy=build_again(root, "make it again")
-        )
+        yield Finding("matches an earlier state of the journals", one.where, remedy=build_again(root, "make it again"))
 
 
 def _missing(root: Path, path: Path) -> Finding:
@@ -249,7 +249,7 @@ def _differing_line(path: Path, content: bytes, *, older: bool) -> str:
     except OSError as error:
         return f"cannot be read ({storage.why(error)})"
     different = (number for number, (on_disk, given) in enumerate(lines, start=1) if on_disk != given)
-    return f"line {number} is not what the journal gives" if (number := next(different, 0)) else ""
+    return f"line {number} does not match the journal" if (number := next(different, 0)) else ""
 
 
 def _with_columns(table: bytes, columns: Sequence[bytes]) -> bytes:
@@ -268,9 +268,9 @@ def _differing_key(path: Path, content: bytes, keys: Sequence[str]) -> str:
     except (OSError, ValueError) as error:
         return f"cannot be read ({storage.why(error)})"
     if not isinstance(on_disk, dict):
-        return "cannot be read (no JSON object)"
+        return "cannot be read (not a JSON object)"
     if isinstance(facts := on_disk.get("Palpate"), dict) and facts.get("Format") != storage.DATASET_FORMAT:
         # Facts of an older format are compared as far as it has them.
         given["Palpate"] = {**{key: given["Palpate"].get(key) for key in facts}, "Format": facts.get("Format")}
     different = (key for key in keys if on_disk.get(key) != given.get(key))
-    return f"{key} is not what the journals give" if (key := next(different, "")) else ""
+    return f"{key} does not match the journals" if (key := next(different, "")) else ""

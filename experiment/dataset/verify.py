@@ -36,8 +36,8 @@ MISTYPED = 2
 """A number that differs from an anchor's in so many of its digits was meant to be that one."""
 
 FOREIGN = (
-    "agrees with no line of this dataset: it is of another dataset of the same study, or this one was made anew from "
-    "its first line; name the register to which the anchors of this dataset went"
+    "does not match any line of this dataset: it belongs to another dataset of the same study, or every line of this "
+    "dataset was rewritten; give the register that has the anchors of this dataset"
 )
 """What is said of a register or a number of which no anchor holds."""
 
@@ -82,10 +82,10 @@ def verify(
     key than the signer's.
     """
     if not root.is_dir():
-        raise DatasetError(root, "is no folder", "give that one", allowed="that of a dataset, which holds sourcedata")
+        raise DatasetError(root, "is not a folder", "give the folder of a dataset, which contains sourcedata")
     if signer is not None and not registers:
         raise DatasetError(
-            "got --signer without --register", remedy="name the register too", allowed="both, or --register alone"
+            "got --signer without --register", remedy="give the register too", allowed="both, or --register alone"
         )
     if signer is not None:
         signer.keys()
@@ -94,8 +94,8 @@ def verify(
     try:
         storage.refuse_other_format(root)
     except OtherFormat as other:
-        verdict = "NOT CHECKED: this palpate does not read datasets of that format, and found no damage."
-        return Report(f"a dataset of another format: {root}", (_inside(root, other.finding),), (verdict,))
+        verdict = "NOT CHECKED: this version of palpate does not read this dataset format. It found no damage."
+        return Report(f"a dataset in another format: {root}", (_inside(root, other.finding),), (verdict,))
     journals = checks.journals(root)
     roster = storage.roster_path(root)
     sessions: list[tuple[Path, Header]] = []
@@ -123,7 +123,7 @@ def verify(
     findings = list(_cut_short(findings, _unfinished(root, people)))
     findings += _leftovers(root, people if rosters else None)
     if (root / "derivatives").exists():
-        again = Remedy("to trust a result there, make it again", ("palpate", "analyse", str(root)))
+        again = Remedy("produce these results again before you rely on them", ("palpate", "analyse", str(root)))
         findings.append(Finding("was not compared", "derivatives", remedy=again, verdict="unknown"))
     findings += [*_erased(root, people), *told, *unlike]
     there = {name for name, lines in files.items() if lines}.union(str(one.where) for one in unlike)
@@ -160,26 +160,26 @@ def _together(
             yield finding
     if held is None or not held.sessions:
         none = (
-            "no journal holds, or what they are held against does not"
+            "every journal was refused, or what they are compared with was"
             if refused or any(one.refuses for one in doubts)
-            else "there is none"
+            else "there are no journals"
         )
         yield Finding(f"{none}: headers, seed and tables were not compared", "sessions", verdict="unknown")
         return
-    of = "protocol and the plan beside it" if held.roster is None else "sealed protocol, seed and roster"
-    text = f"each journal{' that holds' if refused else ''} is of its path, the {of}"
+    of = "protocol and the plan" if held.roster is None else "sealed protocol, seed and roster"
+    text = f"each {'sound ' if refused else ''}journal matches its path, the {of}"
     yield Finding(text, "headers", verdict="passes")
     if held.roster and enrolment.seed_is_proven(root):
         by_roster = held.roster.path.relative_to(root).as_posix() in refused
-        text = "its hash stands in the roster, which is refused: it is not shown when it was drawn"
+        text = "its hash is in the roster, but the roster was refused, so the date on which it was drawn is unproven"
         if not by_roster:
-            text = "was drawn before the first participant enrolled, as its hash there shows"
+            text = "was drawn before the first participant enrolled, as its hash in the roster shows"
         yield Finding(text, "seed", verdict="unknown" if by_roster else "passes")
     yield from _sealed(held, evidence) if held.roster else ()
     if held.roster and not (root / LOG).exists():
         ended = len(held.sessions) - len(held.under_way)
-        why = f"{count(ended, 'session')} ended, so it was deleted, or a kill came before the first anchor"
-        text = f"is missing: {why if ended else 'no session has ended yet'}; each that ends adds an anchor to it"
+        why = f"{count(ended, 'session')} ended, so it was deleted, or palpate was killed before the first anchor"
+        text = f"is missing: {why if ended else 'no session has ended yet'}; the end of each session adds an anchor"
         yield Finding(text, LOG.as_posix(), verdict="unknown")
     for path in sorted(held.under_way):
         yield Finding(checks.OPEN, path.relative_to(root).as_posix(), verdict="unknown")
@@ -187,11 +187,11 @@ def _together(
         yield Finding(f"were not compared: {tables.UNMADE}", "tables", verdict="unknown")
         return
     if stopped:
-        yield Finding("were not compared: comparing them stopped at what is refused", "tables", verdict="unknown")
+        yield Finding("were not compared: the comparison stopped at a refused file", "tables", verdict="unknown")
         return
-    others = "but for those refused, " if differing else ""
-    given = "that hold give; those of other journals and of all participants, and" if refused else "give;"
-    text = f"{others}are what the journals {given} recorded traces of movement were not compared"
+    others = "except those refused, " if differing else ""
+    given = " that were not refused; other tables and" if refused else ";"
+    text = f"{others}match the journals{given} recorded traces of movement were not compared"
     yield Finding(text, "tables", verdict="passes")
 
 
@@ -207,7 +207,7 @@ def _sealed(held: Dataset, evidence: Sequence[Evidence]) -> Iterator[Finding]:
         seal = approval.read(file)
         verdict: Verdict = "unknown" if anchored.isdisjoint(approvals.seal_forms(file)) else "passes"
         which = "" if one.number == 1 else f" {one.number}"
-        yield Finding("is of the protocol", f"seal{which}", verdict="passes")
+        yield Finding("matches the protocol", f"seal{which}", verdict="passes")
         yield Finding(f"from {seal.approved_on} to {seal.expires_on}", f"approval{which}", verdict=verdict)
         yield Finding(seal.approval_number, f"approval{which} number", verdict=verdict)
         yield Finding(" ".join(seal.board.split()), f"board{which}", verdict=verdict)
@@ -224,22 +224,22 @@ def _without_approval(held: Dataset, known: Approvals) -> Iterator[Finding]:
         one = known.approved[known.number_of(header.seal_sha256) - 1]
         if on + A_DAY < one.approved_on or one.expires_on < on - A_DAY:
             days = f"approval {one.number} was valid from {one.approved_on} to {one.expires_on}"
-            text = f"began on {on}, and {days}: a renewal was not recorded, or the session had no approval"
+            text = f"began on {on}, but {days}: either a renewal was not recorded, or the session had no approval"
             yield Finding(text, where, verdict="warns")
         stops = [known.stop(day) for day in (on - A_DAY, on, on + A_DAY)]
         later = known.stops[len(held.people.as_of(header.roster_sha256).stopped) :]
         backdated = any(one.kind != "lifted" and one.from_on < on for one in later)
         if (stop := stops[0]) is not None and all(stops) and backdated:
-            text = f"began on {on}, and the study was {stop.kind} from {stop.from_on} on, as was recorded later"
+            text = f"began on {on}, although the study was {stop.kind} from {stop.from_on} (recorded later)"
             yield Finding(text, where, verdict="warns")
         version = [other for other in known.approved if known.version(other.number) == known.version(one.number)]
         for day in _resumed_on(path):
-            text = f"was continued on {day}, and no approval of its version was valid then"
+            text = f"was continued on {day}, when no approval of its version was valid"
             if not any(other.approved_on <= day + A_DAY and day - A_DAY <= other.expires_on for other in version):
                 yield Finding(text, where, verdict="warns")
             halt = known.stop(day)
             if halt is not None and all(map(known.stop, (day - A_DAY, day + A_DAY))):
-                text = f"was continued on {day}, and the study was {halt.kind} from {halt.from_on} on"
+                text = f"was continued on {day}, although the study was {halt.kind} from {halt.from_on}"
                 yield Finding(text, where, verdict="warns")
 
 
@@ -263,10 +263,10 @@ def _tables_alone(root: Path) -> Iterator[Finding]:
         yield from (_inside(root, one) for one in shared.findings(root))
         return
     if (origin := tables.origin_of(root)) not in tables.ALONE:
-        text = f"holds no journal, and the tables say {origin}; restore it from a backup"
+        text = f"has no journals, although the tables are labeled {origin}; restore it from a backup"
         yield Finding(text, "sourcedata")
         return
-    text = f"no journal is behind these tables, {tables.ALONE[origin]}: no change shows"
+    text = f"these tables have no journals, {tables.ALONE[origin]}: palpate cannot detect changes"
     yield Finding(text, origin, verdict="unknown")
 
 
@@ -286,7 +286,7 @@ def _inside(root: Path, finding: Finding) -> Finding:
 def _session(root: Path, path: Path, sessions: list[tuple[Path, Header]]) -> str:
     contents = journal.read_if_begun(path, strict=False)
     if not contents.lines:
-        return "no line: the session never began"
+        return "has no lines: the session never began"
     sessions.append((path, contents.header))
     journal.refuse_unreadable(path, contents)
     for refusal in checks.findings(Sessions(root, sessions=tuple(sessions[-1:])), "rigs"):
@@ -298,20 +298,22 @@ def _session(root: Path, path: Path, sessions: list[tuple[Path, Header]]) -> str
     raw, more = _unnamed(path, contents)
     of, each = traced[0].of_what if traced else Trace.of_what
     if more and progress(contents.entries).complete:
-        what = f"{count(more, 'byte')} follow the last {each} that the journal of this complete session names"
+        what = f"{count(more, 'byte')} follow the last {each} recorded in the journal of this complete session"
         raise DatasetError(raw, what, "restore the file from a backup")
-    torn = f"; {count(len(contents.torn), 'byte')} at its end: a line that was never finished" if contents.torn else ""
-    told = f"{count(len(contents.lines), 'line')} in an unbroken chain up to its head{torn}"
-    frames = f" and the {of} of {count(len(traced), each)} are those" if traced else " is the one"
+    torn = f"; {count(len(contents.torn), 'byte')} at the end: an incomplete line" if contents.torn else ""
+    told = f"{count(len(contents.lines), 'line')} in an unbroken chain that ends at its head{torn}"
+    frames = f" and the {of} of {count(len(traced), each)} match it" if traced else " matches it"
     unnamed = (
-        f"; {count(more, 'byte')} of {of} that no line names follow, as of a {each} that was cut off" if more else ""
+        f"; {count(more, 'byte')} of {of} follow that no line records, e.g., after an interrupted {each}"
+        if more
+        else ""
     )
     held = progress(contents.entries)
     paused = held.footer is not None and held.footer.reason == "paused" and not held.complete
-    still = f"; its session is open: it was paused with {count(len(held.remaining), 'trial')} to go" if paused else ""
+    still = f"; its session is open: it was paused with {count(len(held.remaining), 'trial')} left" if paused else ""
     back_s = bridging.set_back_ns(contents) / 1e9
-    back = f"; the clock was set back by {minutes(back_s)} in a pause, and its times are bridged" if back_s else ""
-    return f"{told}; its rig{frames} that it names{unnamed}{still}{back}"
+    back = f"; the clock was set back by {minutes(back_s)} during a pause; the times were corrected" if back_s else ""
+    return f"{told}; its rig{frames}{unnamed}{still}{back}"
 
 
 def _unnamed(path: Path, contents: journal.Contents) -> tuple[Path, int]:
@@ -327,12 +329,12 @@ def _roster(path: Path, rosters: list[Roster]) -> str:
     enrolled = Roster.load(path)
     rosters.append(enrolled)
     torn = (
-        f"; a torn last line of {count(len(enrolled.lines.end.torn), 'byte')} was never confirmed"
+        f"; an incomplete last line of {count(len(enrolled.lines.end.torn), 'byte')} does not count"
         if enrolled.lines.end.torn
         else ""
     )
     times = [link.t_ns for link in enrolled.lines.links]
-    back = "; a line is older than the one before it: the clock was wrong" if times != sorted(times) else ""
+    back = "; a line has an earlier time than the line before it: the clock was wrong" if times != sorted(times) else ""
     return f"{len(enrolled.consent_on)} enrolled, {len(enrolled.withdrawn)} of them withdrawn{torn}{back}"
 
 
@@ -341,7 +343,7 @@ def rig_files(dataset: Sessions) -> Iterator[Finding]:
     for path, header in dataset.sessions:
         file = storage.rig_path(path)
         if not file.exists() and not file.is_symlink():
-            yield Finding("is missing, and the journal beside it names it", file, remedy="restore it from a backup")
+            yield Finding("is named in its journal but is missing", file, remedy="restore it from a backup")
             continue
         try:
             rig = rigs.session_rig(file, header.rig_sha256)
@@ -364,13 +366,13 @@ def recordings(dataset: Sessions) -> Iterator[Finding]:
         yield Finding(f"cannot be read ({storage.why(error)})", manifest, remedy=backup)
         return
     if named != {hashlib.sha256(data).hexdigest()}:
-        yield Finding("is not the one that the journals name", manifest, remedy=backup)
+        yield Finding("does not match the journals", manifest, remedy=backup)
         return
     broken = [name for name, sha256 in takes if _sha256(folder / name) != sha256]
-    yield from (Finding("is missing, or not the take of the manifest", folder / name, remedy=backup) for name in broken)
+    yield from (Finding("is missing or does not match the manifest", folder / name, remedy=backup) for name in broken)
     if not broken:
-        are = "take is that" if len(takes) == 1 else "takes are those"
-        text = f"{len(takes)} {are} of the manifest, and the manifest is the one that the journals name"
+        are = "take matches" if len(takes) == 1 else "takes match"
+        text = f"{len(takes)} {are} the manifest, and the manifest matches the journals"
         yield Finding(text, folder, verdict="passes")
 
 
@@ -391,7 +393,7 @@ def companions(dataset: Sessions) -> Iterator[Finding]:
                 continue
             try:
                 protocols.companion(protocol, name)
-                yield Finding(f"is the one that {path.name} names", path.with_name(name), verdict="passes")
+                yield Finding(f"matches {path.name}", path.with_name(name), verdict="passes")
             except PalpateError as error:
                 yield error.finding
 
@@ -405,24 +407,24 @@ def _sha256(path: Path) -> str | None:
 
 def _leftovers(root: Path, people: Roster | None) -> Iterator[Finding]:
     if people and (copy := storage.protocol_path(root, len(people.approved) + 2)).exists():
-        text = "is of an amendment that was cut off, which is not on record"
+        text = "belongs to an interrupted amendment that is not on record"
         remedy = "run palpate amend again, or delete it with its seal"
         yield Finding(text, copy.relative_to(root).as_posix(), remedy=remedy, verdict="unknown")
     left = sorted(
         path.relative_to(root).as_posix() for path in root.rglob(".*") if storage.TEMPORARY.fullmatch(path.name)
     )
     if left:
-        yield Finding(f"left of commands that were cut off: {', '.join(left)}", "temporary files", verdict="unknown")
+        yield Finding(f"left by interrupted commands: {', '.join(left)}", "temporary files", verdict="unknown")
 
 
 def _check_place(root: Path, path: Path) -> None:
     """Refuse what is no register, and one inside the dataset."""
     if path.resolve().is_relative_to(root.resolve()):
-        what = "stands inside the dataset, where whoever can change the one can change the other"
-        raise DatasetError(path, what, "name one", allowed="a register elsewhere")
+        what = "is inside the dataset, where anyone who can change the dataset can change the register"
+        raise DatasetError(path, what, "give a register stored elsewhere")
     kept, _ = register.read(path)
     if not kept and not any(word in storage.read_bytes(path) for word in (b'"anchor"', b'"prefixes"')):
-        raise DatasetError(path, "is no register, for it has no anchor", "give the file that palpate anchor wrote to")
+        raise DatasetError(path, "is not a register: it has no anchors", "give the file that palpate anchor wrote to")
 
 
 def _cut_short(findings: Sequence[Finding], mends: Mapping[str, Remedy]) -> Iterator[Finding]:
@@ -439,7 +441,9 @@ def _cut_short(findings: Sequence[Finding], mends: Mapping[str, Remedy]) -> Iter
 def _erased(root: Path, people: Roster) -> Iterator[Finding]:
     for participant in sorted(people.erased):
         if not people.left_of(root, participant):
-            yield Finding("has no data: they were erased, as the roster says", f"sub-{participant}", verdict="unknown")
+            yield Finding(
+                "has no data; the roster records that they were erased", f"sub-{participant}", verdict="unknown"
+            )
 
 
 def _without_session(people: Roster, files: set[str]) -> Iterator[Finding]:
@@ -447,7 +451,10 @@ def _without_session(people: Roster, files: set[str]) -> Iterator[Finding]:
     there = {*people.withdrawn, *(Path(file).parent.name.removeprefix("sub-") for file in files)}
     if labels := [label for label in people.consent_on if label not in there]:
         who = f"{'participant' if len(labels) == 1 else 'participants'} {', '.join(labels)}"
-        text = f"no session of {who} is here: none has begun, or they were deleted with the log of anchors"
+        text = (
+            f"there are no sessions with {who} here: either none has begun, or they were deleted together with the "
+            "anchor log"
+        )
         yield Finding(text, "roster", verdict="unknown")
 
 
@@ -470,7 +477,7 @@ def _evidence(
         if broken:
             lines = ", ".join(map(str, broken))
             verdict: Verdict = "refuses" if inside and not kept else "unknown"
-            text = f"nothing is shown by what cannot be read: line {lines}"
+            text = f"cannot be read and proves nothing: line {lines}"
             findings.append(Finding(text, str(path), verdict=verdict))
         mine = [one for one in kept if not known or (one.anchor.study, one.anchor.purpose) in known]
         counted = mine if signer is None or inside else [one for one in mine if signer.signed(one)]
@@ -481,11 +488,11 @@ def _evidence(
         if signer and not counted and any(map(soundly_signed, mine)):
             raise DatasetError(
                 signer.path,
-                f"is not the key that signed the anchors of this dataset in {path}; give that one",
-                "if this is the laboratory's only key, somebody else wrote the register",
+                f"is not the key that signed the anchors of this dataset in {path}; give that key",
+                "if this is your lab's only key, somebody else wrote the register",
             )
         if not counted and not inside:
-            findings.append(Finding(f"has no anchor of this dataset{by}", str(path)))
+            findings.append(Finding(f"has no anchors of this dataset{by}", str(path)))
         anchors = tuple(one.anchor for one in counted)
         all_anchors += anchors
         guard = f"write to {path}" + (f", with the private key of {signer.path}" if signer else "")
@@ -500,11 +507,11 @@ def _evidence(
         found = tuple(anchor for anchor in all_anchors if anchor.number == digits)[:1]
         near = [anchor for anchor in all_anchors if sum(map(ne, digits, anchor.number)) <= MISTYPED]
         if near and not found:
-            what = f"got {number!r}, which is almost the number of the anchor {near[0].line}"
-            raise DatasetError("--number", what, "compare it with the lab book again")
+            what = f"got {number!r}, which is close to the number of the anchor {near[0].line}"
+            raise DatasetError("--number", what, "check it against the lab book")
         if not found:
-            why = "the number was mistyped or is of another dataset, or that file was changed"
-            text = f"{LOG} holds no anchor with this number: {why}"
+            why = "the number was mistyped or belongs to another dataset, or that file was changed"
+            text = f"{LOG} has no anchor with this number: {why}"
             findings.append(Finding(text, f"number {number}"))
         evidence.append(Evidence(f"number {number}", found, "change the lab book"))
     return evidence, findings
@@ -543,12 +550,12 @@ def _other_seal(root: Path, evidence: Sequence[Evidence], *, several: bool) -> I
         for anchor in place.anchors:
             if anchor.seal_sha256 not in (None, *kept):
                 day = anchor.anchored_utc[:10]
-                by = f"by the anchor of {day} in {place.place}"
+                by = f"the anchor of {day} in {place.place}"
                 if several and kept:
-                    text = f"one of an approval is missing, or is another than {by}; restore all from a backup"
+                    text = f"a seal is missing, or differs from {by}; restore all seals from a backup"
                     yield Finding(text, "seals")
                 else:
-                    unlike = "is another than" if kept else "is missing, and was there"
+                    unlike = "differs from" if kept else "is missing, but was in"
                     text = f"{unlike} {by}; restore it from a backup"
                     yield Finding(text, path.relative_to(root).as_posix())
                 return
@@ -592,20 +599,22 @@ def _verdict(
     if refused := [finding for finding in findings if finding.refuses]:
         speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
         mend = (
-            "Do what the findings say"
+            "Follow the remedies above"
             if all(map(_has_remedy, refused))
-            else "Keep the folder as it is, and compare it with a backup"
+            else "Change nothing in the folder, and compare it with a backup"
         )
         yield f"REFUSED: {speak} against this dataset. {mend}."
         return
     if any(finding.check == shared.CHECK for finding in findings):
-        yield "Nothing speaks against this copy: an accident that changed one of its files would have been noticed."
-        yield "NOT PROVEN: its journals stayed in the laboratory, with the anchor that dataset_description.json names."
+        yield "No problems found in this copy: an accidental change to any of its files would have been detected."
+        yield (
+            "NOT PROVEN: the journals were not shared (the lab has them); their anchor is in dataset_description.json."
+        )
         return
     if not (total := sum(map(len, files.values()))):
-        yield "NOT PROVEN: no journal stands behind these tables, so neither an accident nor intent would show."
+        yield "NOT PROVEN: these tables have no journals, so palpate cannot detect accidental or deliberate changes."
         return
-    yield "Nothing speaks against this dataset: an accident that changed what is listed above would have been noticed."
+    yield "No problems found in this dataset: an accidental change to anything listed above would have been detected."
     outside = [place for place in evidence if place.guard]
     for place in outside:
         if not (best := _most_anchored(files, [place])):
@@ -614,12 +623,12 @@ def _verdict(
         when = f"on {days[0]}" if days[0] == days[-1] else f"when they were anchored, from {days[0]} to {days[-1]}"
         are = "is as it was" if anchored == 1 else "are as they were"
         yield (
-            f"PROVEN by {place.place}: {anchored} of {count(total, 'line')} {are} {when}. To change one of these "
-            f"unseen, a person would have had to {place.guard} too."
+            f"PROVEN by {place.place}: {anchored} of {count(total, 'line')} {are} {when}. To change any of them "
+            f"without being detected, a person would also have had to {place.guard}."
         )
     if left := total - sum(one.lines for one in _most_anchored(files, outside)):
         which = f"{count(left, 'line')} that came after the last anchor" if outside else "journals, heads and tables"
         yield (
-            f"NOT PROVEN: a person who can write to this folder could have made {which} anew; nothing outside of the "
-            "folder says otherwise."
+            f"NOT PROVEN: anyone who can write to this folder could have forged {which}; nothing outside the folder "
+            "excludes that."
         )

@@ -39,36 +39,37 @@ PROMPTS = 20
 
 SCREEN_OPENS = questions.Asking(
     "agree",
-    "The participant's screen opens; that takes some seconds. The trial is armed once it is there.",
-    questions.keyed({ENTER: "go on without the screen"}),
+    "The participant's screen is opening, which takes a few seconds. The trial will be armed once it is open.",
+    questions.keyed({ENTER: "continue without the screen"}),
 )
 
 END_BREAK = questions.Asking(
     "continue",
     "The break is not over. End it now?",
-    questions.keyed({ENTER: "end the break", ESCAPE: "go on with the break"}),
+    questions.keyed({ENTER: "end the break", ESCAPE: "continue the break"}),
 )
 """A key that is leaned on is one press, and no answer to this."""
 
 NOT_THEIRS: dict[messages.By, str] = {
-    "participant": "The participant does not answer this question at the screen.",
-    "buttons": "The participant does not answer this question with the buttons.",
-    "experimenter": "The participant answers this question.",
+    "participant": "The participant cannot answer this question on the screen.",
+    "buttons": "The participant cannot answer this question with the buttons.",
+    "experimenter": "Only the participant can answer this question.",
 }
 """What is said of a choice that is another's."""
 
 BUTTONS = "the participant's buttons"
 """Who asks for something with them, as it goes on record."""
 
-EARLY = "The participant pressed {} before the question, which does not count."
+EARLY = "The participant pressed {} before the question. This press does not count."
 
 NEXT = "── Task {step} ──"
 """The line between what was told of one task and what is told of the next."""
 
-UNWRITABLE = "The text {}, which cannot go on record; write it without that character."
+UNWRITABLE = "The text {}, which cannot be recorded; write it without that character."
 
 NO_SESSION = (
-    "No session has begun or is open, and nothing can go on record now. Keep it on paper, and note it here once one is."
+    "No session is open, so nothing can be recorded now. Write your note on paper, and enter it here during the next "
+    "session."
 )
 
 
@@ -168,7 +169,7 @@ class LinkedConsole:
             self._screens = screens
             self._screen = self._screen or screens > 0
             if 1 <= self._consoles < consoles:
-                words = f"Another console was opened; {consoles} are open. The first key pressed at any of them counts."
+                words = f"Another console was opened; {consoles} are open. Whichever console answers first counts."
                 self.tell(Notice(words))
             elif 1 <= consoles < self._consoles:
                 self.tell(Notice("Another console was closed."))
@@ -245,15 +246,15 @@ class LinkedConsole:
             case Pause() if who == "participant":
                 return self._pause(deed, questions.BY_PARTICIPANT)
             case wire.Shown():
-                return None if who == "participant" else (False, "Only the participant's screen says what it shows.")
+                return None if who == "participant" else (False, "Only the participant's screen reports what it shows.")
             case _ if who == "participant":
-                return False, "The participant's screen may not ask for that."
+                return False, "The participant's screen cannot request that."
             case wire.Write():
                 return self._write(deed)
             case wire.Typed():
                 with self._changed:
                     self._ignored += deed.keys
-                return True, f"Ignored because nothing was asked: {characters.keyed(deed.keys)}."
+                return True, f"Ignored because there was no question: {characters.keyed(deed.keys)}."
             case Pause() | Stop():
                 return self._pause(deed, questions.BY_EXPERIMENTER)
             case _:
@@ -306,12 +307,12 @@ class LinkedConsole:
             if deed.key not in {choice.key for choice in asked.choices}:
                 early = deed.key == ENTER and self._view.pause_until_ns is not None
                 until = " until the countdown is over" if early else ""
-                return False, f"{characters.quoted(deed.key)} is no key here{until}."
+                return False, f"{characters.quoted(deed.key)} is not a key here{until}."
             if deed.key not in {choice.key for choice in self._may(asked, who)}:
                 return False, NOT_THEIRS[who]
             at_ns = min(max(deed.t_ns, self._opened_ns), monotonic_ns())
             if at_ns != deed.t_ns and deed.key not in wire.SAFE:
-                return False, "That key cannot have been pressed then."
+                return False, "The time of that key press is not possible."
             self._pick(deed, asked, deed.key, at_ns)
             self._by = who
             return True, ""
@@ -330,7 +331,7 @@ class LinkedConsole:
         with self._changed:
             asked = self._view.question
             if asked is None or self._pressed or asked.number != deed.question or asked.kind != "write":
-                return False, "That question is no longer asked; nothing was written down."
+                return False, "That question is closed; nothing was recorded."
             self._pick(deed, asked, text, monotonic_ns())
             return True, ""
 
@@ -350,17 +351,17 @@ class LinkedConsole:
             self._changed.notify_all()
         if session is not None:
             session.pause(by)
-        return True, "The session pauses as soon as nothing can be felt any more."
+        return True, "The session will pause as soon as nothing can be felt."
 
     def _repeat(self, wanted: messages.Repeat, session: Attended) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
             if asked is not None and asked.kind in ("answer", "confirm") and wanted.trial == self._view.trial:
                 if self._pressed:
-                    return False, "A key was pressed for this question before; the trial is not done again. Ask again."
+                    return False, "This question was just answered, so the trial is not repeated. Try again."
                 self._repeated = wanted
                 self._pick(wanted, asked, ESCAPE, monotonic_ns())
-                return True, f"Trial {wanted.trial} is done again at the end of its block."
+                return True, f"Trial {wanted.trial} will be repeated at the end of its block."
         done = session.remark(wanted)
         with self._changed:
             asked = self._view.question
@@ -400,7 +401,7 @@ class LinkedConsole:
                     self.tell(Notice(NEXT.format(step=step)))
                 self._now(step=step, steps=tuple(steps))
             case questions.Instructed(instruction=instruction, asks=asks, pictures=pictures):
-                self.tell(Notice(f"The participant is told: {event.words}"))
+                self.tell(Notice(f"Instruction for the participant: {event.words}"))
                 self._now(instruction=instruction, asks=asks, pictures=pictures)
             case questions.Playing(place=place):
                 self._now(interval=place)
@@ -483,7 +484,7 @@ class LinkedConsole:
             self.tell(Notice(wanted.text))
         # A pair of virtual surfaces can be felt at once.
         state = "answering" if self._view.at_will else "armed"
-        again = "The lines below say why" if self._armed == wanted.trial else ""
+        again = "The reason is below" if self._armed == wanted.trial else ""
         waited = self._watched()
         self._armed = wanted.trial
         if wanted.broken_off:
@@ -557,7 +558,11 @@ class LinkedConsole:
                 self._changed.wait_for(lambda: self._screens or self._chosen or self._pausing or self._failed, SCREEN_S)
                 self._check(attended=True)
             if not self._screens:
-                self.tell(Notice("The session goes on without the participant's screen, which is shown once it opens."))
+                self.tell(
+                    Notice(
+                        "The session continues without the participant's screen. The screen will be used once it opens."
+                    )
+                )
         self._awaits_screen = False
         with self._changed:
             self._check(attended=True)
@@ -614,7 +619,7 @@ class LinkedConsole:
         if self._pausing is not None:
             raise PauseAsked(self._paused_by)
         if not attended:
-            raise PauseAsked(f"nobody was at a console for {self._alone_s / 60:.0f} min")
+            raise PauseAsked(f"no console was open for {self._alone_s / 60:.0f} min")
 
 
 def _standing(session: Attended) -> dict[str, object]:

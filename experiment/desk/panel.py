@@ -18,13 +18,16 @@ def compare_panel(rig_file: Path, rig: Rig, console: Console) -> tuple[str, floa
     Raises `Interrupted` if somebody stays on it, and `PalpateError` for a panel or devices that may not be used.
     """
     if not drift.is_heard(rig):
-        told = "The panel was not compared with its measurement, because no accelerometer stays on it."
+        told = (
+            "The panel's response was not checked against its measurement, because no accelerometer is mounted on "
+            "the panel."
+        )
         console.tell(Notice(f"WARNING: {told}"))
         return told, None
-    text = "The panel is about to move for about 4 s, or 14 s. Is nobody on it, and nothing but what belongs there?"
-    if console.ask(Agree(text, "yes, nobody is on it", "no, leave")).key != YES:
-        raise Interrupted("somebody is on the panel; nothing was begun", remedy="have them step off, and begin again")
+    text = "The panel will move for up to about 14 s. Is it clear of people and objects that do not belong there?"
+    if console.ask(Agree(text, "yes, it is clear", "no, cancel")).key != YES:
+        raise Interrupted("the panel is not clear; nothing was started", remedy="clear the panel, then start again")
     found, louder_db = drift.compare_panel(rig_file, rig)
     warning = "WARNING: " if found.verdict == "warns" else ""
     console.tell(Notice(f"{warning}{found.sentence()}."))
-    return f"Nobody was on the panel, as the experimenter confirmed: {found.observation()}", louder_db
+    return f"The experimenter confirmed that nobody was on the panel: {found.observation()}", louder_db

@@ -33,7 +33,7 @@ BY_EXPERIMENTER, BY_PARTICIPANT = "by the experimenter", "by the participant"
 INTERRUPTED = "interrupted at the keyboard"
 """Why a session pauses: it was asked to, or its process was sent a signal, by Ctrl-C as a rule."""
 
-STOPPED = "The participant stopped everything: the session pauses."
+STOPPED = "The participant stopped the session. It pauses now."
 """What is shown then, and is on record of the pedal."""
 
 NO_ANSWER = "no answer"
@@ -119,7 +119,7 @@ class GoOn:
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        return keyed({ENTER: "go on with the session" if self.begun else "go on", STOP: "end for today"})
+        return keyed({ENTER: "continue the session" if self.begun else "continue", STOP: "end for today"})
 
 
 @dataclass(frozen=True)
@@ -141,18 +141,18 @@ class Familiarise:
 
     @property
     def text(self) -> str:
-        lasts = f"Familiarisation, {minutes(self.min_s) if self.min_s > 0 else 'up'} to {minutes(self.max_s)}."
+        lasts = f"Familiarization, {minutes(self.min_s) if self.min_s > 0 else 'up'} to {minutes(self.max_s)}."
         if self.max_s <= 0:
-            lasts = "Familiarisation: its longest time is over."
-        does = "plays one, and counts how often" if self.plays else "counts how often a material was handled"
-        counts = f" A key {does}." if self.handled else ""
+            lasts = "Familiarization: the longest allowed time is over."
+        does = "plays a material and counts it" if self.plays else "counts how often a material was handled"
+        counts = f" Each key {does}." if self.handled else ""
         ends = " Enter works once the countdown is over." if self.early and not self.unfelt else ""
         return f"{lasts}{counts}{ends} {self.instruction}"
 
     @property
     def choices(self) -> tuple[Choice, ...]:
         ends = {} if self.early else {ENTER: "the participant is familiar with the materials"}
-        ends = {ENTER: "play each that was not felt yet"} if self.unfelt else ends
+        ends = {ENTER: "play each material not yet felt"} if self.unfelt else ends
         return keyed({**ends, **self.handled})
 
 
@@ -177,7 +177,7 @@ class Level:
     @property
     def choices(self) -> tuple[Choice, ...]:
         keys = MASKER | ({PROBE_KEY: "play the probe"} if self.probe else {})
-        keys |= {HEARD_KEY: "still heard at the limit"} if self.level_db_a >= self.limit_db_a else {}
+        keys |= {HEARD_KEY: "still audible at the limit"} if self.level_db_a >= self.limit_db_a else {}
         chosen = keyed(keys | {ENTER: "keep the level"}, by=self.by)
         softer = {"by": "experimenter" if self.by == "experimenter" else "either"}
         return tuple(one.model_copy(update=softer) if one.key == SOFTER_KEY else one for one in chosen)
@@ -192,12 +192,12 @@ class Say:
     take: int
     takes: int
     why: str
-    choices = keyed({ENTER: "listen now", WITHOUT: "go on without the microphone"})
+    choices = keyed({ENTER: "listen now", WITHOUT: "continue without the microphone"})
 
     @property
     def text(self) -> str:
-        asked = f"Take {self.take} of {self.takes}: ask for '{self.words}'."
-        return f"{self.why} {asked} Press the key, then the participant says it.".strip()
+        asked = f"Recording {self.take} of {self.takes}: the participant will say '{self.words}'."
+        return f"{self.why} {asked} Press the key, then ask for the answer.".strip()
 
 
 @dataclass(frozen=True)
@@ -206,11 +206,11 @@ class Rest:
 
     kind: ClassVar[Kind] = "rest"
     why: str
-    choices = keyed({ENTER: "the foot rests on the bare panel"})
+    choices = keyed({ENTER: "the foot is resting on the bare panel"})
 
     @property
     def text(self) -> str:
-        asked = "For zeroing, have the foot rest still on the bare panel."
+        asked = "To zero the tracker, have the participant rest the foot still on the bare panel."
         return f"{self.why[:1].upper()}{self.why[1:]}. {asked}" if self.why else asked
 
 
@@ -248,7 +248,7 @@ class Play:
 
     @property
     def text(self) -> str:
-        return f"Trial {self.trial}. Nothing is felt before the key."
+        return f"Trial {self.trial}. Press the key to start the stimulus."
 
     @property
     def choices(self) -> tuple[Choice, ...]:
@@ -299,7 +299,7 @@ class Debrief:
 
     @property
     def text(self) -> str:
-        said = "All trials are answered. Note what is left to note."
+        said = "All trials have been answered. Add any remaining notes."
         return said if self.after == DEBRIEFING else f"Task {self.task} is done. {said} Task {self.after} comes next."
 
     @property
@@ -429,7 +429,7 @@ class Answered:
     def text(self) -> str:
         """The same in words."""
         which = "Training trial" if self.training else "Trial"
-        return f"{which} {self.trial}: the answer is on disk: {self.answer or NO_ANSWER}."
+        return f"{which} {self.trial}: answer saved: {self.answer or NO_ANSWER}."
 
 
 @dataclass(frozen=True)

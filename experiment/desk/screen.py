@@ -104,7 +104,7 @@ class Window:
         except ImportError as error:
             raise DisplayError(
                 f"the participant's screen needs PsychoPy ({error})",
-                remedy="install palpate[lab] with Python 3.11 or 3.12, and the system's OpenGL with GLU",
+                remedy="install palpate[lab] with Python 3.11 or 3.12, and OpenGL with GLU from your system's packages",
             ) from error
         except Exception as error:
             raise _no_display(error) from error
@@ -187,7 +187,7 @@ class Window:
 def _no_display(error: Exception) -> DisplayError:
     return DisplayError(
         f"the participant's screen cannot be opened ({type(error).__name__}: {error})",
-        remedy="run this where that display is, on Linux with DISPLAY set",
+        remedy="run this on the machine that has the display (on Linux, with DISPLAY set)",
         allowed="a display with OpenGL 2",
     )
 
@@ -204,7 +204,7 @@ def _check_display(display: int) -> None:
         with suppress(pyglet.canvas.xlib.NoSuchDisplayException):
             pyglet.canvas.Display(x_screen=display).close()
             return
-    raise DisplayError("screen.display", f"got {display}", "name another", allowed=f"0 to {found - 1} on this machine")
+    raise DisplayError("screen.display", f"got {display}", "use another", allowed=f"0 to {found - 1} on this machine")
 
 
 def _press_once(window: Any) -> None:
@@ -228,7 +228,9 @@ def alone(path: Path) -> Iterator[None]:
         with FileLock(path.with_suffix(".screen"), timeout=0):
             yield
     except Timeout:
-        raise DisplayError("this session's screen is open already", remedy="close it first, or use it") from None
+        raise DisplayError(
+            "this session's screen is already open", remedy="close that screen first, or use it"
+        ) from None
 
 
 @dataclass(eq=False)
@@ -300,8 +302,8 @@ class Screen:
             self._part, self._parts = 0, 1
         named = prompt.pictures if prompt else ()
         if lacking := [name for name in named if name not in self.pictures]:
-            what = f"the session shows the picture {lacking[0]}, which the protocol that was named here has not"
-            raise DisplayError(what, remedy="name the protocol file with which the session was begun")
+            what = f"the session shows the picture {lacking[0]}, which the protocol file given here does not list"
+            raise DisplayError(what, remedy="give the protocol file with which the session was started")
         page = replace(page, part=self._part, pictures=tuple(self.pictures[name] for name in named))
         moved = hand_mm != (self._prompt.hand_mm if self._prompt else None)
         if page != self._page:
@@ -330,8 +332,9 @@ class Screen:
         if missing and missing != self._missing:
             self._missing = missing
             self.tell(
-                f"screen.font: {font.name} has no {missing[:20]}; install a font that has (for Japanese on Debian: "
-                "fonts-noto-cjk or fonts-ipafont-gothic), or name its file"
+                f"screen.font: {font.name} lacks {missing[:20]}; install a font that has these characters (for "
+                "Japanese on Debian: fonts-noto-cjk or fonts-ipafont-gothic), or set screen.font to the file of such "
+                "a font"
             )
         return pages.drawn(page, self.window.size_px, font)
 

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from palpate.experiment.recordings.workflow import Step
 
 
-GONE = "the screen is gone ({})"
+GONE = "the terminal was closed ({})"
 
-ENDED = "the input ended, and nobody can type"
+ENDED = "the terminal's input ended, so nothing more can be typed"
 
 
 REMARKS = "note TEXT, correct TRIAL KEY REASON, repeat TRIAL REASON, or adverse (or deviation) TEXT; WHAT WAS DONE"
@@ -89,7 +89,7 @@ class _Lines:
             raise ScreenGone(GONE.format(error)) from error
         if early:
             self._ignored += early
-            self.show(f"Ignored because it was typed before the question: {characters.keyed(early)}.")
+            self.show(f"Ignored because it was typed before the question appeared: {characters.keyed(early)}.")
         try:
             return self._read(prompt)
         except EOFError:
@@ -139,18 +139,18 @@ class TerminalConsole(_Lines):
                 # Whoever has lines of text gives the command again.
                 return Reply(questions.STOP)
             case questions.Break(text=text, left_s=left_s):
-                self.show(f"{text} Left of it: {minutes(max(left_s, 0))}.")
+                self.show(f"{text} Time left: {minutes(max(left_s, 0))}.")
                 time.sleep(max(left_s, 0))
                 return Reply()
             case questions.Report(text=text):
                 return Reply(text=self._line(text))
             case questions.Confirm(key=key, text=text):
                 # Not Enter: a key that somebody leans on repeats.
-                typed = self._ask(f"{text} - type {key} again to confirm, anything else to ask again: ").strip()
+                typed = self._ask(f"{text} - type {key} again to confirm, or anything else to choose again: ").strip()
                 if typed.lower() == key:
                     return Reply(ENTER)
                 if self._remark(typed, None):
-                    self._refuse(typed, "is not taken here; type it at the answer, which is asked for again")
+                    self._refuse(typed, "is not possible here; type this at the next question")
                 return Reply(ESCAPE)
             case _:
                 return self._reply(question)
@@ -170,15 +170,15 @@ class TerminalConsole(_Lines):
             if (one := typed.get(said.lower())) is not None:
                 return Reply(one.key)
             keys = " ".join(key or "Enter" for key in typed)
-            self._refuse(said, f"is no key; type one of {keys}{f', or {REMARKS}' if remarks else ''}")
+            self._refuse(said, f"is not a valid key; type one of {keys}{f', or {REMARKS}' if remarks else ''}")
 
     def _line(self, text: str) -> str:
         while True:
-            typed = self._ask(f"{text} Type one line, or nothing; press Enter: ").strip()
+            typed = self._ask(f"{text} Type one line, or leave it blank, and press Enter: ").strip()
             try:
                 return characters.one_line(typed) if typed else ""
             except ValueError as error:
-                self.show(f"The line {error}, which cannot go on record; type it again without that character")
+                self.show(f"The line {error}, which cannot be recorded; type it again without that character")
 
     def _refuse(self, typed: str, why: str) -> None:
         unexplained = re.fullmatch(r"correct\s+\d+\s+\S|repeat\s+\d+", typed)
@@ -191,7 +191,7 @@ class TerminalConsole(_Lines):
         try:
             text = characters.one_line(rest.strip())
         except ValueError as error:
-            self.show(f"The remark {error}, which cannot go on record; type it again without that character")
+            self.show(f"The remark {error}, which cannot be recorded; type it again without that character")
             return None
         if word == "note" and text:
             return TakeNote(text=text, trial=trial_now)
@@ -244,7 +244,9 @@ class TerminalTakes(_Lines):
             return False
         kept = self._key(f"[{KEEP}] keep the take  [{REPEAT}] repeat it: ")
         if kept and step.problems:
-            kept = self._key(f"The take has the problems above. [{KEEP}] keep it all the same  [{REPEAT}] repeat it: ")
+            kept = self._key(
+                f"This take has the problems listed above. [{KEEP}] keep it anyway  [{REPEAT}] repeat it: "
+            )
         if not kept:
             self._ask(again)
         return kept

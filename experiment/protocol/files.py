@@ -40,10 +40,10 @@ def _docstring() -> str:
     """Return what a protocol is, with what each table of `_tables` is for."""
     return (
         (Protocol.__doc__ or "").rstrip()
-        + "".join(f"\n        {name}: what trials of `{name}` need, in a study of these." for name in _tables())
-        + "\n        asked: what participants are asked beside the trials."
-        + "\n        factors: what stimuli differ in, crossed."
-        + "\n        groups: into which participants are drawn."
+        + "".join(f"\n        {name}: what trials of `{name}` need, in a study that has them." for name in _tables())
+        + "\n        asked: what participants are asked outside the trials."
+        + "\n        factors: how stimuli differ (crossed)."
+        + "\n        groups: groups to which participants are randomly assigned."
     )
 
 
@@ -72,13 +72,15 @@ def companion(protocol: Protocol, name: str) -> bytes:
     try:
         content = storage.read_bytes(path, LARGEST)
     except OSError as error:
-        problem = mismatch("file", None, f"none that can be read ({error.strerror})", "one beside the protocol's")
+        problem = mismatch("file", None, f"an unreadable file ({error.strerror})", "a file next to the protocol")
         raise ProtocolError.in_file(path, [problem]) from error
     if (found := hashlib.sha256(content).hexdigest()) != sha256:
-        allowed = f"{sha256}, as the protocol says"
+        allowed = f"{sha256}, as in the protocol"
         raise ProtocolError.in_file(path, [mismatch("sha256", None, found, allowed, "restore the file")])
     if path.suffix == ".png" and not _is_whole_png(content):
-        raise ProtocolError.in_file(path, [mismatch("file", None, "something else, or a part", "a whole PNG picture")])
+        raise ProtocolError.in_file(
+            path, [mismatch("file", None, "an incomplete or different file", "a whole PNG picture")]
+        )
     return content
 
 
@@ -113,8 +115,10 @@ def keep(file: Path, kept: Path) -> None:
     copies = {kept.with_name(name): content for name, content in companions(protocol).items()}
     for copy, content in copies.items():
         if copy.exists() and storage.read_bytes(copy, LARGEST) != content:
-            allowed = f"a name of its own, for {copy} is another file"
-            problem = mismatch("file", None, copy.name, allowed, "rename it in the protocol too, and seal that again")
+            allowed = f"a different name, because {copy} already exists with different content"
+            problem = mismatch(
+                "file", None, copy.name, allowed, "rename it in the protocol too, and seal the protocol again"
+            )
             raise ProtocolError.in_file(file, [problem])
     for copy, content in copies.items():
         storage.write_bytes(copy, content)
@@ -126,7 +130,9 @@ def shipped(name: str) -> Path:
     for folder in (Path("protocols"), PACKAGE.parent / "protocols", PACKAGE / "shipped"):
         if (folder / name).is_file():
             return folder / name
-    raise PalpateError(f"protocols/{name}", "the shipped file was not found", "name a file on the command line")
+    raise PalpateError(
+        f"protocols/{name}", "this file, which comes with palpate, was not found", "name a file on the command line"
+    )
 
 
 def of_guides(name: str) -> Path:
@@ -147,7 +153,7 @@ def named(name: str) -> Path:
         return shipped(f"{name}.toml")
     raise PalpateError(
         quoted(name),
-        "got neither a file nor the id of a protocol that comes with palpate",
+        "this is not a file or the id of a protocol that comes with palpate",
         "name one of these",
         allowed=f"a protocol file, or {', '.join(ids)}",
     )

@@ -22,19 +22,19 @@ def broken(table: Table) -> Iterator[Broken]:
         if task.get("levels") is None:
             continue
         if (design := task.get("design")) in NAMES and design_of(design).right is None:
-            yield Broken(("tasks", i, "levels"), f"no table: no answer of the design '{design}' is right or wrong")
+            yield Broken(("tasks", i, "levels"), f"no table: in the design '{design}', answers are not right or wrong")
         if task.get("stimulus") == "real":
-            yield Broken(("tasks", i, "levels"), "no table: nothing changes how strong a real object feels")
+            yield Broken(("tasks", i, "levels"), "no table: the strength of a real object cannot be changed")
         if table_at(task, "order").get("kind") in ("full-random", "max-run"):
-            allowed = "blocked-random: with levels each block has one trial of each track"
+            allowed = "blocked-random: with levels, each block has one trial from each track"
             yield Broken(("tasks", i, "order", "kind"), allowed)
         if table_at(table, "answers").get("progress") is True and table_at(task, "levels").get("method") != "constant":
-            allowed = f"false: what is left of the tracks of tasks[{i}] would tell which answers were right"
+            allowed = f"false: in tasks[{i}], the number of trials left would reveal which answers were right"
             yield Broken(("answers", "progress"), allowed)
         yield from _unbalanced(table, i, task)
     for i, rule in tables_at(table, "exclusion"):
         if rule.get("when") == "answers-below":
-            allowed = "another rule: how many trials a task with levels has depends on the answers"
+            allowed = "a different rule: in a task with levels, the number of trials depends on the answers"
             yield Broken(("exclusion", i, "when"), allowed)
 
 
@@ -48,7 +48,7 @@ def _unbalanced(table: Table, place: int, task: Table) -> Iterator[Broken]:
         return
     if repetitions * each % (count * orders):
         in_order = " in either order" if orders > 1 else ""
-        allowed = f"so many that each of the {count} levels comes equally often{in_order}"
+        allowed = f"a value that presents each of the {count} levels equally often{in_order}"
         yield Broken(("tasks", place, "repetitions"), allowed)
 
 
@@ -61,47 +61,48 @@ def facts(task: Task) -> list[tuple[str, str]]:
     return [
         (
             "Levels",
-            f"every vibration of a trial is multiplied by a level: {grid}. None is stronger than one of "
-            f"{number(levels.grid[-1])}, and this page states vibrations at level 1",
+            f"every vibration of a trial is multiplied by a level: {grid}. The highest level is "
+            f"{number(levels.grid[-1])}. Vibrations on this page are given at level 1",
         ),
         ("Chosen", _constant(levels, tracks) if levels.method == "constant" else _chosen(levels, tracks)),
     ]
 
 
 def _chosen(levels: Levels, tracks: str) -> str:
-    return f"by the answers to the trials before, {_rule(levels, tracks)}"
+    return f"from the answers to earlier trials, {_rule(levels, tracks)}"
 
 
 def _constant(levels: Levels, tracks: str) -> str:
     return (
-        f"before the first trial, whatever is answered: {tracks} has each of the {len(levels.grid)} levels once in as "
-        "many of its trials, in random order. A trial that has an answer is not repeated"
+        f"before the first trial, regardless of the answers. For {tracks}, every {len(levels.grid)} trials present "
+        f"each of the {len(levels.grid)} levels once, in random order. A trial with an answer is not repeated"
     )
 
 
 def _rule(levels: Levels, tracks: str) -> str:
     """Return how the next level follows from the answers, for `tracks` each on its own."""
-    stays = "and no answer leaves it"
+    stays = "and a missing answer leaves it unchanged"
     if levels.method == "up-down":
         rises = f" {levels.up} times as far" if (levels.up or 1) > 1 else ""
         sizes = ", then ".join(count(one, "level") for one in levels.steps or ())
-        changes = f" A step is {sizes}, as the direction changes." if sizes else ""
+        changes = f" Step sizes are {sizes}, changing at each reversal." if sizes else ""
         by = "one" if levels.steps is None else "a step"
         return (
-            f"transformed up-down, for {tracks} alone. It begins at {number(levels.first or 0.0)}. "
-            f"{count(levels.down or 0, 'right answer')} in a row lower the level by {by}, a wrong one raises it"
-            f"{rises}, {stays}.{changes} After {count(levels.reversals or 0, 'change')} of direction no trial follows. "
-            "A trial that has an answer is not repeated"
+            f"transformed up-down, with a separate track for {tracks}. Each track starts at level "
+            f"{number(levels.first or 0.0)}. {count(levels.down or 0, 'right answer')} in a row lower the level by "
+            f"{by}, a wrong answer raises it{rises}, {stays}.{changes} The track ends after "
+            f"{count(levels.reversals or 0, 'reversal')}. A trial with an answer is not repeated"
         )
-    of = {"quest-plus": "threshold, spread and lapses (QUEST+)", "psi": "threshold and spread (psi)"}[levels.method]
+    of = {"quest-plus": "threshold, spread and lapse rate (QUEST+)", "psi": "threshold and spread (psi)"}[levels.method]
     known = ""
     if levels.precision_db is not None:
-        known = f" Once the threshold is known to {number(levels.precision_db)} dB no trial follows."
+        known = f" A track ends when the threshold is known to within {number(levels.precision_db)} dB."
     return (
-        f"for {tracks} alone: the level whose answer is expected to leave the least uncertain of {of}. All thresholds "
-        f"of {_numbers(levels.thresholds)}, spreads of {_numbers(levels.spreads_db)} dB and lapses of "
-        f"{_numbers(levels.lapses)} are as probable at first, and {number(levels.guess or 0.0)} of the answers are "
-        f"right without a stimulus. Answers move the level, {stays}.{known} A trial that has an answer is not repeated"
+        f"separately for {tracks}: the next level is the one whose answer is expected to leave the least uncertainty "
+        f"about {of}. Initially, thresholds of {_numbers(levels.thresholds)}, spreads of "
+        f"{_numbers(levels.spreads_db)} dB and lapse rates of {_numbers(levels.lapses)} are each equally probable; "
+        f"the guess rate is {number(levels.guess or 0.0)}. Each answer updates the level, {stays}.{known} A trial "
+        "with an answer is not repeated"
     )
 
 
@@ -119,15 +120,15 @@ def _odd(protocol: Protocol, task: Task, levels: Levels) -> Iterator[tuple[str, 
         # From one turn at the top to the next a track needs `down` right answers and a wrong one at least.
         most = 2 * trials // (levels.down + 1)
         if levels.reversals > most:
-            allowed = f"as a rule at most {most}: a track of {trials} trials cannot turn more often, and ends by trials"
+            allowed = f"usually at most {most}: a track of {trials} trials cannot reach more reversals"
             yield "reversals", f"{levels.reversals}", allowed
         elif levels.reversals < LEAST_REVERSALS:
-            allowed = f"as a rule {LEAST_REVERSALS} or more: the threshold is a mean of reversals, the first left out"
+            allowed = f"usually {LEAST_REVERSALS} or more: the threshold is the mean of the reversals after the first"
             yield "reversals", f"{levels.reversals}", allowed
     apart_db = [20 * log10(high / low) for low, high in pairwise(levels.grid)]
     if levels.method == "constant" and min(apart_db) < CLOSE_DB:
         low = apart_db.index(min(apart_db))
-        allowed = f"as a rule levels {CLOSE_DB:g} dB apart or more: these two are one and the same"
+        allowed = f"usually levels at least {CLOSE_DB:g} dB apart: these two levels feel the same"
         yield "grid", f"{levels.grid[low]:g} and {levels.grid[low + 1]:g}", allowed
 
 
@@ -139,7 +140,5 @@ def advice(protocol: Protocol) -> Iterator[Finding]:
     adaptive, plannable = {task.id for task in protocol.tasks if task.levels is not None}, plannable_tests()
     for place, test in enumerate(protocol.analysis):
         if (of := adaptive.intersection(test.tasks)) and not plannable[test.test].leveled:
-            allowed = (
-                "as a rule tasks without levels: levels that follow from answers settle how many of these are right"
-            )
+            allowed = "usually tasks without levels: adaptive levels fix the proportion correct"
             yield mismatch(written(("analysis", place, "tasks")), None, ", ".join(sorted(of)), allowed)

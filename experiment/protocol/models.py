@@ -50,12 +50,12 @@ class Study(Confined):
 
 
 class Ethics(Confined):
-    """Who approved the study. Leave a lab's own approval empty: the seal has it.
+    """Who approved the study. Leave the approval by your lab's board empty: it is in the seal.
 
     Attributes:
         board: ethics board.
         statement: what it approved.
-        approval_number: of an approval older than the file.
+        approval_number: only if the approval is older than the file.
         approved_on: first day.
         expires_on: last day.
         contact: for participants.
@@ -72,11 +72,11 @@ class Ethics(Confined):
 
 
 class Eligibility(Confined):
-    """Who may take part.
+    """Eligibility criteria.
 
     Attributes:
         criteria: one sentence for each condition.
-        confirmed: whether the experimenter confirms each before the first session, on record.
+        confirmed: whether the experimenter confirms each criterion before the first session (recorded).
     """
 
     criteria: Annotated[tuple[Text, ...], Field(min_length=1)]
@@ -87,9 +87,9 @@ class Consent(Confined):
     """What participants consent to before the first session.
 
     Attributes:
-        required: whether consent must be on record.
+        required: whether consent must be recorded.
         statement: what participants are told and agree to.
-        voice_recordings: keep the sound of answers, of participants who agree.
+        voice_recordings: store audio recordings of the answers of participants who agree.
         kept_months: how long data are kept after the last session (`palpate status` warns).
     """
 
@@ -100,14 +100,14 @@ class Consent(Confined):
 
 
 class Sharing(Confined):
-    """What leaves the laboratory of participants who agree to it. Without this table `palpate share` gives nothing out.
+    """Data sharing for participants who agree. Without this table, `palpate share` refuses.
 
     Attributes:
-        statement: what participants are told and agree to, or not: a question of its own.
-        smallest_group: how many participants at least are alike in all that is shared of who they are.
-        keep_labels: whether the laboratory keeps which label a participant has in what is shared.
+        statement: what participants are told and agree to, or not, in a separate question.
+        smallest_group: smallest number of participants with the same combination of shared personal facts.
+        keep_labels: whether the laboratory stores the list of old and new labels.
         facts: ids of `[[asked.people]]` that are shared.
-        questionnaires: ids of `[[asked.questionnaires]]` of which all but texts is shared.
+        questionnaires: ids of `[[asked.questionnaires]]` that are shared, except free text.
     """
 
     statement: Text
@@ -118,11 +118,11 @@ class Sharing(Confined):
 
 
 class Duration(Confined):
-    """How long a participant's visit takes with breaks, as participants are told.
+    """Duration of a visit with breaks, as participants are told.
 
     Attributes:
-        shortest_min: a short visit.
-        longest_min: a long visit.
+        shortest_min: duration of a short visit.
+        longest_min: duration of a long visit.
     """
 
     RULES: ClassVar[Rules] = rules.duration
@@ -138,7 +138,7 @@ class Exposure(Confined):
         vibration_peak_m_s2: largest acceleration of the panel.
         masker_level_db_a: loudest masker at the ear.
         session_min: longest session.
-        force_peak_n: largest force on the hand; needed by virtual surfaces.
+        force_peak_n: largest force on the hand; required for virtual surfaces.
     """
 
     vibration_peak_m_s2: Annotated[float, Field(gt=0, le=100)]
@@ -151,8 +151,8 @@ class Probe(Confined):
     """A stimulus the panel plays on request while the masker is set.
 
     Attributes:
-        material: whose vibration it is; only in virtual tasks.
-        speed_mm_s: of the foot.
+        material: material that vibrates; only in virtual tasks.
+        speed_mm_s: speed of the foot.
     """
 
     material: Name
@@ -180,8 +180,8 @@ class Material(Confined):
 
     Attributes:
         id: its name in orders, journals, tables.
-        key: experimenter's key for this answer; only identification.
-        spoken: what participants may call it; the first is shown; only identification.
+        key: key that the experimenter presses for this answer; only identification.
+        spoken: what participants may call it (the first is shown); only identification.
         description: make, size, weight.
     """
 
@@ -194,7 +194,7 @@ class Material(Confined):
 
 
 class Step(Confined):
-    """How a step is read. Heights are above the panel.
+    """How a step is measured. Heights are above the panel.
 
     Attributes:
         gate_top_mm: where speed measurement begins.
@@ -242,11 +242,11 @@ Table = TypeVar("Table", bound=Confined)
 
 
 class Familiarisation(Confined):
-    """Free handling of the real materials before a task, or stimuli that are presented for it.
+    """Free exploration of the real materials, or presented stimuli, before a task.
 
     Attributes:
-        min_s: shortest.
-        max_s: longest.
+        min_s: shortest duration.
+        max_s: longest duration.
         instruction: for the participant.
     """
 
@@ -261,7 +261,7 @@ class Order(Confined):
     """How a task's trials are ordered.
 
     Attributes:
-        kind: all shuffled; each repetition shuffled; at most `max_run` of a material in a row (not for pairs).
+        kind: all trials shuffled; each repetition shuffled; at most `max_run` of a material in a row (not for pairs).
         max_run: longest run of a material.
     """
 
@@ -274,22 +274,23 @@ class Order(Confined):
 class Levels(Confined):
     """How strong vibrations are, trial by trial.
 
-    Each material of an identification, pair of a comparison and signal of a detection has its own track.
+    Each material to identify, pair to compare or signal to detect has its own track.
 
     Attributes:
-        method: `up-down` (Levitt 1971): `down` right answers in a row go a step down, a wrong one `up` steps up; or the
-            level expected to tell most of threshold, spread and lapses (`quest-plus`, Watson 2017), or of the first two
-            (`psi`, Prins 2013); or each level as often as any other, whatever is answered (`constant`).
-        grid: levels, rising; factors of every vibration.
+        method: `up-down` (Levitt 1971): `down` right answers in a row lower the level one step, and a wrong one raises
+            it `up` steps; or the level most informative about threshold, spread and lapse rate (`quest-plus`, Watson
+            2017), or about the first two (`psi`, Prins 2013); or each level equally often (`constant`).
+        grid: levels, ascending; every vibration is multiplied by its level.
         first: starting level of `up-down`.
         down: right answers in a row that lower the level: 2 for 70.7 % right, 3 for 79.4 %.
-        reversals: changes of direction that end a track, unless repetitions end first.
-        up: steps that a wrong answer raises the level by (Kaernbach 1991); 3 with a `down` of 1 for 75 %.
-        steps: levels in a step, from one reversal to the next; the last stays.
-        thresholds: possible levels at which half of what is not guessed is right, equally probable, as the next two.
-        spreads_db: possible distances from there to 84 %.
-        lapses: possible shares of trials missed at any level.
-        guess: share right without a stimulus.
+        reversals: reversals that end a track, unless repetitions end first.
+        up: steps by which a wrong answer raises the level (Kaernbach 1991); 3 with a `down` of 1 for 75 %.
+        steps: step sizes in levels; each lasts until the next reversal, and the last remains.
+        thresholds: possible thresholds (half of unguessed answers right); all equally probable, like those of the next
+            two keys.
+        spreads_db: possible distances from the threshold to 84 %.
+        lapses: possible lapse rates.
+        guess: guess rate.
         precision_db: standard deviation of the threshold that ends a track.
     """
 
@@ -310,12 +311,12 @@ class Levels(Confined):
 
 
 class Control(Confined):
-    """What makes a task a control: the vibration sounds as in another task, and nothing of it reaches the skin.
+    """Makes a task a control: the vibration sounds as in another task but does not reach the skin.
 
     Attributes:
         of: id of the virtual task whose masking it tests.
         arrangement: what keeps the vibration from the skin; the experimenter confirms it before the trials.
-        margin: share of right answers above chance that still counts as chance.
+        margin: difference from chance (proportion correct) that still counts as chance.
     """
 
     of: Label
@@ -324,13 +325,13 @@ class Control(Confined):
 
 
 class Ahead(Confined):
-    """A footstep's vibration that begins before contact, by a prediction of it.
+    """A footstep's vibration that begins before the predicted contact.
 
     Attributes:
-        delay_ms: so long after contact it begins; below zero, before it.
-        error_max_ms: a step whose vibration begins farther from there is repeated; rigs expected to miss it by more
-            (standard error), and unmeasured ones, are refused.
-        broken_off: what a step that ends above the panel gets: nothing that has not begun, or its vibration.
+        delay_ms: start relative to contact; negative means before it.
+        error_max_ms: steps with a larger timing error are repeated; rigs that have a larger expected standard error or
+            were not measured are refused.
+        broken_off: if a step ends above the panel: cancel a vibration that has not begun, or play it.
     """
 
     delay_ms: Annotated[float, Field(ge=-200, lt=0)]
@@ -339,12 +340,12 @@ class Ahead(Confined):
 
 
 class Criterion(Confined):
-    """What ends a training before its last trial.
+    """What ends training before its last trial.
 
     Attributes:
-        right: so many right answers, as soon as
-        of: so many newest answers, or fewer, have them.
-        unmet: otherwise, on record, the session goes on, or ends without a trial that counts.
+        right: right answers needed
+        of: among this many latest answers, or fewer.
+        unmet: if the criterion is not met, the session continues, or ends without trials that count (recorded).
     """
 
     right: Annotated[int, Field(ge=1, le=1000)]
@@ -353,13 +354,13 @@ class Criterion(Confined):
 
 
 class Training(Confined):
-    """Trials before those that count; on record, never analyzed.
+    """Trials before those that count; recorded, never analyzed.
 
     Attributes:
-        trials: at most so many.
-        feedback: tell participants after each answer whether it was right.
-        told_right: words for that.
-        told_wrong: words for any other answer, or none.
+        trials: maximum number.
+        feedback: show participants after each answer whether it was right.
+        told_right: text for a right answer.
+        told_wrong: text for any other answer, or none.
         criterion: what ends it early.
     """
 
@@ -380,7 +381,7 @@ class Picture(Confined):
 
     Attributes:
         file: the name of the file.
-        sha256: its hash, so that the protocol's own hash names one picture.
+        sha256: its hash, so that the protocol's hash identifies one picture.
     """
 
     file: Annotated[
@@ -398,20 +399,22 @@ class Task(Confined):
         id: its name in commands, files, tables.
         title: its name.
         kind: what triggers and plays a stimulus.
-        design: asks which material it is, which of two has more of a quality, how much it has, or whether anything was
-            felt. Formats 2 and 3 have none: `footstep` means identification, `comparison` tapping.
+        design: the question: which material it is, which of two has more of a quality, how much of it one has, or
+            whether anything was felt. Formats 2 and 3 have no designs: there, `footstep` means identification, and
+            `comparison` means tapping.
         stimulus: synthesized or rendered, or real objects laid out.
         instruction: for the participant.
         pictures: shown after the instruction.
-        question: what their screen asks in each trial, if not the words of the design.
-        participants: how many do it, those who enroll first.
-        repetitions: of each material, each pair (half in either order), or a detection's block.
+        question: question on the participant's screen in each trial, if not the design's.
+        participants: how many people do it: the first to enroll.
+        repetitions: of each material, of each pair (half in each order), or of a detection block.
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
         masker: this task's noise, if not that of `[masker]`.
-        materials: those presented, in their order, if not all; any may be answered.
+        materials: materials presented, in the protocol's order, if not all; any may be answered.
         levels: how strong its vibrations are, if not as they are made.
-        phase: of a footstep's vibration, if not the signs of (4): all alike, drawn, or as keeps the recorded profile.
+        phase: phases of a footstep's vibration, if not the signs of equation (4): all equal, random, or preserving the
+            recorded profile.
         ahead: begins a footstep's vibration before contact.
         control: makes it a control, whose answers must be at chance.
         training: what comes between familiarisation and the trials that count.
@@ -447,7 +450,7 @@ class TaskOrder(Confined):
     """Order of tasks, and breaks between them.
 
     Attributes:
-        kind: `counterbalanced`: each order equally often, by permuted blocks; `fixed`: as in the file.
+        kind: `counterbalanced`: each order equally often, in permuted blocks; `fixed`: as in the file.
         break_min_s: shortest break.
     """
 
@@ -459,11 +462,11 @@ class Answers(Confined):
     """How answers are given.
 
     Attributes:
-        mode: spoken, and keyed by the experimenter; or given by the participant, with buttons named as the answers'
-            keys, or at the screen.
+        mode: spoken, and entered by the experimenter; or given by the participant, with buttons named like the answers'
+            keys, or on the screen.
         on_screen: the participant's screen shows the materials.
-        progress: it shows how many trials are answered, of how many.
-        reveal: the experimenter may see levels and answers by material; that goes on record.
+        progress: that screen shows the numbers of answered and planned trials.
+        reveal: the experimenter may view levels and answers by material (recorded).
         no_answer_key: no answer.
         redo_key: repeat the trial at the end of its block.
         pause_key: pause the session.
@@ -481,13 +484,14 @@ class Answers(Confined):
 
 
 class ExclusionRule(Confined):
-    """A rule that leaves out a trial or participant. A repeated trial comes again at the end of its block.
+    """A rule that excludes a trial or a participant. A repeated trial is presented again at the end of its block.
 
     Attributes:
         id: its name in reports.
         when: frames lost or damaged before contact; foot's speed; stimulus not delivered (by the rig's thresholds);
             answered trials in a task; withdrawal.
-        limit: frames, mm/s or answers: more for `frames-lost` and `speed-above`, else fewer.
+        limit: number of frames, mm/s or answers: the rule applies above it for `frames-lost` and `speed-above`, else
+            below it.
         action: what happens.
         reason: as in reports.
     """
@@ -508,15 +512,15 @@ class PlannedTest(Confined):
         test: test, or scale of comparisons.
         tasks: ids of its tasks.
         question: what it answers, and how.
-        chance: right answers of somebody who guesses.
-        form: of the intraclass correlation.
-        margin: difference in shares that counts as the same.
+        chance: proportion correct when guessing.
+        form: form of the intraclass correlation.
+        margin: difference in proportions that counts as equivalent.
         alpha: significance level.
-        correction: Holm's family: materials or pairs of a task, tasks, or both; otherwise P is unadjusted, except for
-            equivalent pairs.
-        materials: those tested; else all presented, but for a one-way ANOVA the most confused pair, exploratory. Not in
-            format 2.
-        groups: the fact of `[[asked.people]]` whose values are the groups, or `group`: `[[groups]]`.
+        correction: Holm's family: materials or pairs in a task, tasks, or both; otherwise, P is unadjusted, except for
+            equivalence of pairs.
+        materials: materials tested; otherwise, all that are presented or, for a one-way ANOVA, the most confused pair
+            (exploratory). Not in format 2.
+        groups: the fact in `[[asked.people]]` whose values are the groups, or `group` for those of `[[groups]]`.
     """
 
     RULES: ClassVar[Rules] = rules.planned_test
@@ -547,7 +551,7 @@ class Protocol(Confined):
     """A whole study.
 
     Attributes:
-        format: the form of the file.
+        format: the format of the file.
         study: what the study is.
         ethics: who approved it.
         eligibility: who may take part.
@@ -660,7 +664,9 @@ class Protocol(Confined):
         if (found := self.find(model)) is not None:
             return found
         name = model.__name__.lower()
-        problem = mismatch(name, None, "no such table", f"a study with a table [{name}]; name the protocol of one")
+        problem = mismatch(
+            name, None, "no such table", f"a study whose protocol has the table [{name}]; give that protocol"
+        )
         raise ProtocolError.in_file(f"study {self.study.id}", [problem])
 
     @classmethod

@@ -51,32 +51,33 @@ BESIDE = {
 }
 """Keys of a study or a task whose own module has their rules."""
 
-NO_DEVICE = "a name that Windows does not keep for a device"
+NO_DEVICE = "a name that Windows does not reserve for a device"
 
 
 def ethics(table: Table) -> Iterator[Broken]:
-    """`approved_on` is a day from 1950 on, and `expires_on` comes after it."""
+    """`approved_on` is in 1950 or later, and `expires_on` is after it."""
     approved, expires = table.get("approved_on"), table.get("expires_on")
     if type(approved) is date and approved < EARLIEST:
-        yield Broken(("approved_on",), f"a date from {EARLIEST} on, as on the board's letter")
+        yield Broken(("approved_on",), f"a date on or after {EARLIEST}, as on the board's letter")
     # A date with a time is a date too, for Python, and compares with none.
     if type(approved) is type(expires) is date and expires <= approved:
         yield Broken(("expires_on",), f"a date after approved_on ({approved})")
 
 
 def duration(table: Table) -> Iterator[Broken]:
-    """`longest_min` is no less than `shortest_min`."""
+    """`longest_min` is at least `shortest_min`."""
     yield from _in_order(table, "shortest_min", "longest_min")
 
 
 def material(table: Table) -> Iterator[Broken]:
-    """No material is called as a missing value in tables: `n/a`, or what R or pandas read as one, such as `NA`."""
+    """No material has a name that means a missing value in tables: `n/a`, or one that R or pandas would read so, such
+    as `NA`."""
     if (name := table.get("id")) in MISSING:
-        yield Broken(("id",), f"any name but '{name}', which stands for a missing value in tables")
+        yield Broken(("id",), f"any name except '{name}', which means a missing value in tables")
 
 
 def step(table: Table) -> Iterator[Broken]:
-    """`gate_bottom_mm` is less than `gate_top_mm`, and `contact_mm` less than both."""
+    """`gate_bottom_mm` is less than `gate_top_mm`, and `contact_mm` is less than both."""
     for higher, lower in pairwise(("gate_top_mm", "gate_bottom_mm", "contact_mm")):
         above, below = number_at(table, higher), number_at(table, lower)
         if above is not None and below is not None and below >= above:
@@ -84,17 +85,17 @@ def step(table: Table) -> Iterator[Broken]:
 
 
 def familiarisation(table: Table) -> Iterator[Broken]:
-    """`max_s` is no less than `min_s`."""
+    """`max_s` is at least `min_s`."""
     yield from _in_order(table, "min_s", "max_s")
 
 
 def order(table: Table) -> Iterator[Broken]:
-    """Kind `max-run` needs `max_run`; the other kinds have no such key."""
+    """Kind `max-run` needs `max_run`; the other kinds do not have it."""
     kind, limit = table.get("kind"), table.get("max_run")
     if kind == "max-run" and limit is None:
         yield Broken(("max_run",), "a whole number at least 1: kind 'max-run' needs it")
     if kind in ("full-random", "blocked-random") and limit is not None:
-        yield Broken(("max_run",), f"no value: only kind 'max-run' has this key, kind '{kind}' does not")
+        yield Broken(("max_run",), f"no value: only kind 'max-run' has this key, not kind '{kind}'")
 
 
 UP_DOWN = ("first", "down", "reversals"), ("up", "steps")
@@ -104,17 +105,17 @@ KEYS = {"up-down": UP_DOWN, "quest-plus": EXPECTED, "psi": EXPECTED, "constant":
 
 
 def levels(table: Table) -> Iterator[Broken]:
-    """`grid`, `thresholds`, `spreads_db` and `lapses` rise, `first` is one of `grid`, and `steps` do not rise.
-
-    `up-down` needs `first`, `down` and `reversals`, and alone has `up` and `steps`; `quest-plus` and `psi` need
-    `thresholds`, `spreads_db`, `lapses` and `guess`, and alone have `precision_db`. `constant` has none of these.
+    """`grid`, `thresholds`, `spreads_db` and `lapses` increase, `first` is one of `grid`, and `steps` do not increase.
+    `up-down` needs `first`, `down` and `reversals`, and only it may have `up` and `steps`; `quest-plus` and `psi` need
+    `thresholds`, `spreads_db`, `lapses` and `guess`, and only they may have `precision_db`. `constant` has none of
+    these.
     """
     method, grid, first = table.get("method"), list_at(table, "grid"), number_at(table, "first")
     for key in ("grid", "thresholds", "spreads_db", "lapses"):
         if all(map(is_number, of := list_at(table, key))) and any(high <= low for low, high in pairwise(of)):
-            yield Broken((key,), "levels that rise, each above the one before")
+            yield Broken((key,), "values in ascending order, each greater than the previous one")
     if all(map(is_number, steps := list_at(table, "steps"))) and any(late > early for early, late in pairwise(steps)):
-        yield Broken(("steps",), "steps of which none is longer than the one before")
+        yield Broken(("steps",), "steps in descending order, none larger than the previous one")
     if grid and first is not None and first not in grid:
         yield Broken(("first",), f"one of grid: {', '.join(map(str, grid))}")
     if method not in KEYS:
@@ -137,9 +138,9 @@ def exclusion_rule(table: Table) -> Iterator[Broken]:
     if when in ("frames-lost", "speed-below", "speed-above", "answers-below") and limit is None:
         yield Broken(("limit",), f"a number at least 0: '{when}' needs it")
     if when in ("withdrawn", "answers-below") and action in ("repeat-trial", "exclude-trial"):
-        yield Broken(("action",), f"exclude-participant: '{when}' is about a participant")
+        yield Broken(("action",), f"exclude-participant, because '{when}' is about a participant")
     if when in ("frames-lost", "speed-below", "speed-above", "undelivered") and action == "exclude-participant":
-        yield Broken(("action",), f"one of: repeat-trial, exclude-trial: '{when}' is about a trial")
+        yield Broken(("action",), f"one of: repeat-trial, exclude-trial, because '{when}' is about a trial")
 
 
 def planned_test(table: Table) -> Iterator[Broken]:
@@ -154,7 +155,7 @@ def planned_test(table: Table) -> Iterator[Broken]:
         yield from (Broken((key, i), what) for i, one in enumerate(named) if one in named[:i])
         if named and len(named) not in sizes:
             least = "" if len(sizes) == 1 else "at least "
-            yield Broken((key,), f"{least}{sizes.start} {key}: '{name}' compares them")
+            yield Broken((key,), f"{least}{sizes.start} {key}, because '{name}' compares them")
     for key in () if name not in every else ("chance", "form", "margin", "correction", "materials", "groups"):
         owners = [f"'{one}'" for one, other in every.items() if key in (*other.needs, *other.takes)]
         if key in test.needs and table.get(key) is None:
@@ -164,43 +165,41 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
 
 def protocol(table: Table) -> Iterator[Broken]:
-    """All tasks have one kind and one design, and the file has only their tables.
+    """All tasks have the same kind and design, and the file contains only the tables for these.
 
-    Ids of materials, tasks and exclusion rules, keys, and phrases of `spoken` are unique: none looks like another,
-    whatever its case, blanks and alphabet (names and phrases: nor by accents, 1 or I for l, or 0 for O), and no phrase
-    like another material's id.
+    Ids of materials, tasks and exclusion rules, keys, and phrases in `spoken` are unique: no two look alike, regardless
+    of case, blanks and alphabet (for names and phrases, also regardless of accents, 1 or I for l, and 0 for O), and no
+    phrase looks like another material's id.
 
     `consent.voice_recordings` needs `answers.microphone`, which needs the mode `oral`, the only one before format 7.
-    `+` and `-` set the masker only. The largest task has as many participants as the study. Tests name tasks of the
-    protocol, which present the materials they compare. Familiarisation is shorter than `exposure.session_min`.
-    `max-run` orders have no more than 400 trials. `answers-below` is at most the trials of the shortest task, and
-    `speed-above` greater than `speed-below`. At most 6 tasks are counterbalanced.
+    `+` and `-` only set the masker. The largest task has as many participants as the study. Tests name tasks in the
+    protocol that present the materials they compare. Familiarisation is shorter than `exposure.session_min`. `max-run`
+    orders have no more than 400 trials. The limit of `answers-below` is at most the number of trials in the shortest
+    task, and that of `speed-above` is greater than that of `speed-below`. At most 6 tasks are counterbalanced.
 
-    `materials` of a task are some of the protocol's, once, in their order; with one, its order is not `max-run`. A task
-    with `levels` is `virtual` and `blocked-random`, without a rule `answers-below`, and without `answers.progress`
-    unless they are `constant`.
+    A task's `materials` are some of the protocol's, each once and in the same order; with only one, its order is not
+    `max-run`. A task with `levels` is `virtual` and `blocked-random`, without a rule `answers-below`, and without
+    `answers.progress` unless the levels are `constant`.
 
-    A task with `control` is a virtual identification, of a virtual task that is none; no planned test names it.
-    A file of `pictures` has one `sha256`.
+    A task with `control` must be a virtual identification task, and the task it controls for must be virtual and not
+    itself a control; no planned test names a control task. A file in `pictures` always has the same `sha256`.
 
-    Each of `[[asked.people]]` and `[[asked.questionnaires]]` has an id of its own, and so has each item of one; a
-    questionnaire names a task. `sharing.facts` are ids of people's facts that are no text, and numbers among them have
-    a `group`, and have columns of their own there; `sharing.questionnaires` are ids.
+    Each of `[[asked.people]]` and `[[asked.questionnaires]]` has a unique id, and so has each item; a questionnaire
+    names a task. `sharing.facts` lists ids of people's facts that are not text and have separate columns when shared;
+    those that are numbers have a `group`. `sharing.questionnaires` lists ids of questionnaires.
 
-    From format 7 on no study or questionnaire has a name that Windows keeps for a device, such as `aux` or `com1`:
+    From format 7 on, no study or questionnaire has a name that Windows reserves for a device, such as `aux` or `com1`:
     files are named after them.
     """
     yield from _kinds(table)
     if (number_at(table, "format") or OWN_ANSWERS) >= OWN_ANSWERS and table_at(table, "study").get("id") in DEVICES:
         yield Broken(("study", "id"), NO_DEVICE)
     for name in ("materials", "tasks", "exclusion"):
-        yield from _seen_once(
-            [((name, i, "id"), one.get("id")) for i, one in tables_at(table, name)], "a name of its own"
-        )
+        yield from _seen_once([((name, i, "id"), one.get("id")) for i, one in tables_at(table, name)], "a unique name")
     yield from _keys(table)
     yield from _spoken(table)
     if table_at(table, "consent").get("voice_recordings") is True and not table_at(table, "answers").get("microphone"):
-        yield Broken(("answers", "microphone"), "true: consent.voice_recordings keeps what it hears")
+        yield Broken(("answers", "microphone"), "true: consent.voice_recordings stores what the microphone records")
     yield from _answers(table)
     yield from _participants(table)
     yield from _presented(table)
@@ -218,19 +217,22 @@ def protocol(table: Table) -> Iterator[Broken]:
         yield Broken(("masker", "probe", "material"), f"one of the materials: {', '.join(map(str, ids))}")
     tasks = tables_at(table, "tasks")
     if table_at(table, "task_order").get("kind") == "counterbalanced" and len(tasks) > MAX_COUNTERBALANCED:
-        allowed = f"fixed, or at most {MAX_COUNTERBALANCED} tasks: the orders of {len(tasks)} cannot be balanced"
+        allowed = f"fixed, or at most {MAX_COUNTERBALANCED} tasks: the orders of {len(tasks)} tasks cannot be balanced"
         yield Broken(("task_order", "kind"), allowed)
 
 
 def pairs(table: Table) -> Iterator[Broken]:
-    """If trials present two materials, `repetitions` are even, no order is `max-run`, and no task has `materials`."""
+    """If trials present two materials, `repetitions` is even, no order is `max-run`, and no task has `materials`."""
     for i, task in tables_at(table, "tasks"):
         if table_at(task, "order").get("kind") == "max-run":
-            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with pairs of materials")
+            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, for pairs of materials")
         if (count := number_at(task, "repetitions")) is not None and count % 2:
-            yield Broken(("tasks", i, "repetitions"), "an even number: each pair is presented in both orders alike")
+            yield Broken(
+                ("tasks", i, "repetitions"),
+                "an even number, so that each pair is presented equally often in both orders",
+            )
         if task.get("materials") is not None:
-            yield Broken(("tasks", i, "materials"), "no value: a task of pairs presents every material")
+            yield Broken(("tasks", i, "materials"), "no value: a task with pairs presents every material")
 
 
 def _first(table: Table, key: str, names: Sequence[str]) -> str | None:
@@ -253,17 +255,17 @@ def _kinds(table: Table) -> Iterator[Broken]:
     if kind is not None and design is not None:
         fit = [name for name in designs.NAMES if {*design_of(name).intervals} & {*kind_of(kind).intervals}]
         for i, _ in tables_at(table, "tasks") if design not in fit else ():
-            yield Broken(("tasks", i, "design"), f"one of: {', '.join(fit)}, with tasks of the kind '{kind}'")
+            yield Broken(("tasks", i, "design"), f"one of: {', '.join(fit)}, for tasks of the kind '{kind}'")
 
 
 def _one(table: Table, key: str, name: str, names: Sequence[str]) -> Iterator[Broken]:
     """Yield tasks of another kind or design than the first one, and the tables of others."""
     for i, task in tables_at(table, "tasks"):
         if task.get(key) in names and task[key] != name:
-            yield Broken(("tasks", i, key), f"{name}, as in the first task: a study has one {key} of trial")
+            yield Broken(("tasks", i, key), f"{name}, as in the first task: all trials of a study have the same {key}")
     for other in names:
         if other != name and table.get(other) is not None:
-            yield Broken((other,), f"no table: the tasks are of the {key} '{name}'")
+            yield Broken((other,), f"no table: the {key} of the tasks is '{name}'")
 
 
 def _tests(table: Table, design: str) -> Iterator[Broken]:
@@ -273,19 +275,19 @@ def _tests(table: Table, design: str) -> Iterator[Broken]:
         planned = every.get(name := str(test.get("test")), PlannableTest())
         for key, since in {"test": planned.since, **planned.takes}.items():
             if test.get(key) is not None and (number_at(table, "format") or since) < since:
-                yield Broken(("analysis", i, key), f"from format {since} on: set format = {since}")
+                yield Broken(("analysis", i, key), f"in format {since} or later: set format = {since}")
         if name not in own:
-            yield Broken(("analysis", i, "test"), f"one of: {', '.join(own)}, with tasks of the design '{design}'")
+            yield Broken(("analysis", i, "test"), f"one of: {', '.join(own)}, for tasks with the design '{design}'")
 
 
 def _answers(table: Table) -> Iterator[Broken]:
     answers = table_at(table, "answers")
     if answers.get("mode") in ("keys", "screen"):
         if (number := number_at(table, "format") or OWN_ANSWERS) < OWN_ANSWERS:
-            allowed = f"oral in a file of format {number:g}; for another write format = {OWN_ANSWERS}"
+            allowed = f"oral in format {number:g}; to use a different mode, set format = {OWN_ANSWERS}"
             yield Broken(("answers", "mode"), allowed)
         if answers.get("microphone") is True:
-            yield Broken(("answers", "microphone"), "false: nobody says an answer")
+            yield Broken(("answers", "microphone"), "false: answers are not spoken")
 
 
 def _keys(table: Table) -> Iterator[Broken]:
@@ -296,10 +298,10 @@ def _keys(table: Table) -> Iterator[Broken]:
         *(place for name in kinds.NAMES for place in kind_of(name).keys(table)),
         *((("answers", name), answers.get(name)) for name in ("no_answer_key", "redo_key", "pause_key")),
     ]
-    yield from _seen_once(places, "a key of its own", lambda key: (skeleton(key),))
+    yield from _seen_once(places, "a unique key", lambda key: (skeleton(key),))
     for path, key in places:
         if key in (LOUDER_KEY, SOFTER_KEY):
-            yield Broken(path, f"any key but {LOUDER_KEY} and {SOFTER_KEY}, which set the masker's level")
+            yield Broken(path, f"any key except {LOUDER_KEY} and {SOFTER_KEY}, which set the masker's level")
 
 
 def _spoken(table: Table) -> Iterator[Broken]:
@@ -308,7 +310,7 @@ def _spoken(table: Table) -> Iterator[Broken]:
         for i, material in tables_at(table, "materials")
         for j, said in enumerate(list_at(material, "spoken"))
     ]
-    yield from _seen_once(places, "a phrase of its own")
+    yield from _seen_once(places, "a unique phrase")
     ids: dict[str | int, tuple[str, ...]] = {
         i: looks(name) for i, one in tables_at(table, "materials") if isinstance(name := one.get("id"), str)
     }
@@ -316,7 +318,7 @@ def _spoken(table: Table) -> Iterator[Broken]:
         own = {*ids.get(path[1], ())}
         for i, forms in ids.items():
             if isinstance(said, str) and own.isdisjoint(forms) and not {*looks(said)}.isdisjoint(forms):
-                yield Broken(path, f"a phrase of its own: {written(('materials', i, 'id'))} is that name")
+                yield Broken(path, f"a unique phrase: {written(('materials', i, 'id'))} already has this name")
 
 
 def _participants(table: Table) -> Iterator[Broken]:
@@ -329,7 +331,7 @@ def _participants(table: Table) -> Iterator[Broken]:
         if count is not None and count > enrolled:
             yield Broken(("tasks", i, "participants"), f"at most study.participants ({enrolled})")
     if len(counts) == len(wanted) and max(counts) < enrolled:
-        allowed = f"{max(counts)}, as many as the largest task has; other participants would do nothing"
+        allowed = f"{max(counts)}, the number in the largest task; additional participants would have nothing to do"
         yield Broken(("study", "participants"), allowed)
 
 
@@ -347,13 +349,13 @@ def _presented(table: Table) -> Iterator[Broken]:
         own = _materials(table, task)
         of.append((task.get("id"), {*own}))
         if own != [name for name in every if name in own]:
-            allowed = f"some of the protocol's, each once, in their order: {', '.join(every)}"
+            allowed = f"some of the protocol's materials, each once, in the protocol's order: {', '.join(every)}"
             yield Broken(("tasks", i, "materials"), allowed)
     known = [name for name, _ in of if isinstance(name, str)]
     for i, test in tables_at(table, "analysis"):
         for j, task_id in enumerate(list_at(test, "tasks")):
             if isinstance(task_id, str) and task_id not in known:
-                yield Broken(("analysis", i, "tasks", j), f"a task of this protocol, one of: {', '.join(known)}")
+                yield Broken(("analysis", i, "tasks", j), f"a task in this protocol, one of: {', '.join(known)}")
         sets = [own for name, own in of if len(every) > 1 and name in list_at(test, "tasks")]
         if sets:
             yield from _test_materials(("analysis", i), test, every, sets)
@@ -364,13 +366,13 @@ def _test_materials(path: Place, test: Table, every: Sequence[str], sets: Sequen
     common, named = set.intersection(*sets), list_at(test, "materials")
     planned = designs.plannable_tests().get(str(test.get("test")), PlannableTest())
     if any(len(one) < planned.each for one in sets):
-        yield Broken((*path, "tasks"), f"tasks that present at least {planned.each} materials")
+        yield Broken((*path, "tasks"), f"tasks that each present at least {planned.each} materials")
     for j, name in enumerate(named):
         if isinstance(name, str) and name not in common:
             allowed = f"a material that its tasks present, one of: {', '.join(one for one in every if one in common)}"
             yield Broken((*path, "materials", j), allowed)
     if len(named or common) < (least := planned.common[len(sets) > 1]):
-        yield Broken((*path, "materials" if named else "tasks"), f"at least {least} of the same materials")
+        yield Broken((*path, "materials" if named else "tasks"), f"at least {least} materials that the tasks share")
 
 
 def _task_limits(table: Table) -> Iterator[Broken]:
@@ -382,13 +384,13 @@ def _task_limits(table: Table) -> Iterator[Broken]:
         presented = len(_materials(table, task))
         most = MAX_COUNTED // max(presented, 1)
         if table_at(task, "order").get("kind") == "max-run" and presented == 1:
-            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with one material")
+            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, for a single material")
         elif table_at(task, "order").get("kind") == "max-run" and count is not None and count > most:
-            allowed = f"at most {most} with order 'max-run': no more than {MAX_COUNTED} trials in all"
+            allowed = f"at most {most} with the order 'max-run', which allows {MAX_COUNTED} trials in total"
             yield Broken(("tasks", i, "repetitions"), allowed)
         if session_min is not None and longest_s is not None and longest_s >= session_min * 60:
             path = ("tasks", i, "familiarisation", "max_s")
-            yield Broken(path, f"less than the longest session (exposure.session_min, {session_min * 60} s)")
+            yield Broken(path, f"a number less than the longest session (exposure.session_min, {session_min * 60} s)")
 
 
 def _pictures(table: Table) -> Iterator[Broken]:
@@ -397,7 +399,7 @@ def _pictures(table: Table) -> Iterator[Broken]:
         for j, one in tables_at(task, "pictures"):
             if (first := hashes.setdefault(one.get("file"), one.get("sha256"))) != one.get("sha256"):
                 place = ("tasks", i, "pictures", j, "sha256")
-                yield Broken(place, f"the same wherever this file is named ({first})")
+                yield Broken(place, f"the same value everywhere for this file ({first})")
 
 
 def _exclusion_limits(table: Table) -> Iterator[Broken]:
@@ -416,7 +418,7 @@ def _exclusion_limits(table: Table) -> Iterator[Broken]:
         if rule.get("when") == "answers-below" and limit > trials > 0:
             yield Broken(("exclusion", i, "limit"), f"at most {trials}, the trials of the shortest task")
         if rule.get("when") == "speed-above" and any(slow is not None and limit <= slow for slow in slowest):
-            yield Broken(("exclusion", i, "limit"), "greater than the limit of the rule 'speed-below'")
+            yield Broken(("exclusion", i, "limit"), "a number greater than the limit of the rule 'speed-below'")
 
 
 def _seen_once(
@@ -430,7 +432,8 @@ def _seen_once(
             if earlier == path:
                 first |= dict.fromkeys(forms, (path, value))
             else:
-                has = "has it already" if skeleton(had) == skeleton(value) else f"has '{had}', which looks the same"
+                same = skeleton(had) == skeleton(value)
+                has = "already has this value" if same else f"is '{had}', which looks the same"
                 yield Broken(path, f"{what}: {written(earlier)} {has}")
 
 

@@ -77,14 +77,14 @@ def even(times_s: Floats, lines: Lines, stated: Stated) -> Grid:
         worst = int(np.argmax(np.abs(steps - median)))
         raise RecordingError(
             f"got a time step of {steps[worst]:g} s{_overflow(float(steps[worst]))}",
-            remedy=_evenly(times_s, stated, "record without gaps, or cut the file there"),
+            remedy=_evenly(times_s, stated, "record without gaps, or truncate the file there"),
             allowed=f"within {LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s",
             line=lines[worst + 1],
         )
     at = int(np.argmax(np.abs(times_s - np.arange(times_s.size) / grid.rate_hz)))
     raise RecordingError(
-        f"got a sample {grid.jitter:.2f} steps away from an even grid",
-        remedy=_evenly(times_s, stated, "record at a steady rate"),
+        f"got a sample {grid.jitter:.2f} steps off an even grid",
+        remedy=_evenly(times_s, stated, "record at a constant rate"),
         allowed=f"{LARGEST_STEP_ERROR} steps",
         line=lines[at],
     )
@@ -92,7 +92,7 @@ def even(times_s: Floats, lines: Lines, stated: Stated) -> Grid:
 
 def _overflow(step_s: float) -> str:
     """Return what a step back is like, where it is about that of a counter which began anew."""
-    return ", as if a counter of 32 bits ran over" if any(abs(step_s / one + 1) < 0.01 for one in PERIODS_S) else ""
+    return ", as if a 32-bit counter overflowed" if any(abs(step_s / one + 1) < 0.01 for one in PERIODS_S) else ""
 
 
 def unwrapped(times_s: Floats) -> tuple[Floats, bool]:
@@ -139,17 +139,17 @@ def resampled(times_s: Floats, samples: Floats, lines: Lines) -> Resampled | Non
         at = int(np.argmin(steps > 0))
         raise RecordingError(
             f"got a time step of {steps[at]:g} s",
-            remedy="cut the file there",
-            allowed="times that rise",
+            remedy="truncate the file there",
+            allowed="increasing times",
             line=lines[at + 1],
         )
     missing = _missing(steps / median)
     if missing.max() > LONGEST_GAP:
         at = int(missing.argmax())
         raise RecordingError(
-            f"got a gap of {steps[at]:g} s, in which {missing[at]} samples are missing",
-            remedy="cut the file there",
-            allowed=f"at most {LONGEST_GAP}, for a curve to bridge them",
+            f"got a gap of {steps[at]:g} s with {missing[at]} missing samples",
+            remedy="truncate the file there",
+            allowed=f"at most {LONGEST_GAP} missing samples, which can be interpolated",
             line=lines[at + 1],
         )
     step = float(times_s[-1]) / (steps.size + int(missing.sum()))
@@ -246,10 +246,10 @@ def _evenly(times_s: Floats, stated: Stated, otherwise: str) -> Remedy | str:
     """Return what to do about uneven times: resample them, where that is possible."""
     steps, median = _steps(times_s)
     if (steps >= 0).all() and not (steps > 0).all():
-        words = "export times with more digits, or state the rate of the recorder"
+        words = "export times with more digits, or give the sampling rate"
         return stated.remedy(words, "--rate", f"{_roundest_rate(steps):.12g}" if times_s[-1] > 0 else "HZ")
     if (steps > 0).all() and _missing(steps / median).max() <= LONGEST_GAP:
-        return stated.remedy(f"{otherwise}, or have it resampled", "--resample")
+        return stated.remedy(f"{otherwise}, or resample it", "--resample")
     return otherwise
 
 
@@ -270,7 +270,7 @@ def _steps(times_s: Floats) -> tuple[Floats, float]:
     """Return the steps of times, shape (n - 1,), and their median."""
     if times_s.size < 2:
         raise RecordingError(
-            f"got {times_s.size} rows", remedy="record longer", allowed="two or more, for a sampling rate"
+            f"got {times_s.size} rows", remedy="record longer", allowed="two or more, to derive a sampling rate"
         )
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.diff(times_s)
@@ -280,7 +280,7 @@ def _steps(times_s: Floats) -> tuple[Floats, float]:
 def _departure(times_s: Floats) -> Grid:
     mean = float(times_s[-1] / max(times_s.size - 1, 1))
     if not (mean > 0 and np.isfinite(1 / mean)):
-        raise RecordingError(f"got time steps of {mean:g} s", remedy="correct the unit of time", allowed="longer ones")
+        raise RecordingError(f"got time steps of {mean:g} s", remedy="correct the time unit", allowed="longer ones")
     off = mean * np.arange(times_s.size)
     off -= times_s
     return Grid(1 / mean, max(float(off.max()), -float(off.min())) / mean)

@@ -143,7 +143,7 @@ def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) 
             raise RecordingError(
                 path,
                 f"{name}: got {got}",
-                "record again, or change one of the two",
+                "record again, or change one of these files",
                 allowed=f"{allowed}, as in the protocol",
             )
     return _loaded(directory, manifest, synthesis.speeds_mm_s, synthesis.takes, material_ids)
@@ -161,9 +161,9 @@ def load_all(directory: Path) -> Recordings:
     if not materials:
         raise RecordingError(
             path,
-            f"got {len(manifest.takes)} takes, none of a material",
+            f"got {len(manifest.takes)} takes, but none of a material",
             Remedy("record them with {}", RECORD),
-            allowed="takes of one material or more and of the bare panel",
+            allowed="takes of at least one material and of the bare panel",
         )
     speeds_mm_s = sorted({take.speed_mm_s for take in manifest.takes})
     return _loaded(directory, manifest, speeds_mm_s, max(take.number for take in manifest.takes), tuple(materials))
@@ -193,7 +193,7 @@ def _loaded(
             raise RecordingError(
                 path,
                 f"got no {_condition(*condition)}",
-                "record what is missing",
+                "record the missing takes",
                 allowed=f"{takes} takes at each of {list(speeds_mm_s)} mm/s",
             )
 
@@ -218,7 +218,7 @@ def _condition(material: str | None, speed_mm_s: float, number: int) -> str:
 
 def _unreadable(path: Path) -> RecordingError:
     return RecordingError(
-        path, "cannot be read", "name another folder", allowed=f"a folder of recordings with its {MANIFEST}"
+        path, "cannot be read", "give another folder", allowed=f"a folder of recordings with a {MANIFEST}"
     )
 
 
@@ -230,7 +230,7 @@ def _read(path: Path) -> Manifest:
     except ProtocolError as error:
         first, *others = error.findings
         more = f" ({len(others)} more)" if others else ""
-        remedy = f"correct the manifest, or restore it from its copy{more}"
+        remedy = f"correct the manifest, or restore it from a backup{more}"
         raise RecordingError.at(replace(first, remedy=remedy)) from error
 
 
@@ -239,7 +239,7 @@ def _samples(path: Path, *, take: _Take, manifest: Manifest) -> NDArray[np.float
         content = storage.read_bytes(path)
     except OSError as error:
         raise RecordingError(
-            path, f"cannot be read ({error.strerror})", "restore it", allowed="the file that the manifest names"
+            path, f"cannot be read ({error.strerror})", "restore it", allowed="the file named in the manifest"
         ) from error
     rate_hz, samples = wav_samples(content, file=str(path))
 
@@ -247,16 +247,16 @@ def _samples(path: Path, *, take: _Take, manifest: Manifest) -> NDArray[np.float
         return RecordingError(path, f"got {got}", remedy, allowed=allowed)
 
     if rate_hz != manifest.rate_hz:
-        raise refuse(f"{rate_hz} Hz", f"{manifest.rate_hz} Hz, as the manifest says", "record or resample it again")
+        raise refuse(f"{rate_hz} Hz", f"{manifest.rate_hz} Hz, as in the manifest", "record or resample it again")
     if samples.dtype.kind != "f":
         raise refuse(f"{samples.dtype} samples", "float samples in m/s^2", "save it as a float WAV")
     if samples.ndim != 1:
-        raise refuse(f"{samples.shape[1]} channels", "one channel", "save the accelerometer's channel alone")
+        raise refuse(f"{samples.shape[1]} channels", "one channel", "save only the accelerometer channel")
     if samples.size != manifest.samples:
-        raise refuse(f"{samples.size} samples", f"{manifest.samples}, as the manifest says", "cut or record it again")
+        raise refuse(f"{samples.size} samples", f"{manifest.samples}, as in the manifest", "trim it or record it again")
     if not np.all(np.isfinite(samples)):
         raise refuse("NaN or infinite samples", "finite numbers", "record it again")
     digest = hashlib.sha256(content).hexdigest()
     if digest != take.sha256:
-        raise refuse(f"sha256 {digest[:12]}...", f"{take.sha256[:12]}... of the manifest", "restore the file")
+        raise refuse(f"sha256 {digest[:12]}...", f"{take.sha256[:12]}..., as in the manifest", "restore the file")
     return samples.astype(np.float64)

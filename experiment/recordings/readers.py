@@ -105,8 +105,8 @@ def _opened(path: Path, stated: Stated, axes: Sequence[str]) -> Callable[[str | 
     """Read a file; return what returns one of its channels, of which `axes` begin and end together."""
     content = delimited.content(path)
     if (audio := next((name for begins, name in AUDIO.items() if content.startswith(begins)), None)) is not None:
-        remedy = Remedy("convert it, such as by {}", ("ffmpeg", "-i", str(path), str(path.with_suffix(".wav"))))
-        raise RecordingError(f"got a file of {audio}", remedy=remedy, allowed="WAV, of which PCM and float are read")
+        remedy = Remedy("convert it, for example: {}", ("ffmpeg", "-i", str(path), str(path.with_suffix(".wav"))))
+        raise RecordingError(f"got a file in the {audio} format", remedy=remedy, allowed="WAV in PCM or float")
     binary = format_of(content)
     sound = content[:4] in (b"RIFF", b"RIFX", b"RF64")
     if stated.section is not None and (sound or binary is not None):
@@ -143,11 +143,11 @@ def _of_axes(axes: Sequence[Recording], reduction: Reduction) -> Recording:
     if len({one.channel for one in axes}) < len(axes):
         raise RecordingError("got one channel for several axes", remedy="name each once", allowed="different channels")
     for one in axes[1:]:
-        got = f"got {one.channel!r} beside {first.channel!r}"
+        got = f"got {one.channel!r} with {first.channel!r}"
         if (one.rate_hz, one.samples.size) != (first.rate_hz, first.samples.size):
-            raise RecordingError(f"{got}, with another rate or length", allowed="axes that were sampled together")
+            raise RecordingError(f"{got}, which differs in rate or length", allowed="axes sampled together")
         if one.unit != first.unit:
-            raise RecordingError(f"{got}, in {one.unit!r} and {first.unit!r}", allowed="axes in one unit")
+            raise RecordingError(f"{got}, in {one.unit!r} and {first.unit!r}", allowed="axes in the same unit")
     doubts = tuple(dict.fromkeys(doubt for one in axes for doubt in one.doubts))
     name = f"{reduction} of {', '.join(one.channel for one in axes)}"
     samples = REDUCTIONS[reduction](np.stack([one.samples for one in axes]))
@@ -158,7 +158,7 @@ def _from_wav(
     path: Path, header_hz: int, stored: NDArray[Any], missing: str, stated: Stated, channel: str | None
 ) -> Recording:
     if header_hz < 1 and stated.rate_hz is None:
-        remedy = stated.remedy("state the rate", "--rate", "HZ")
+        remedy = stated.remedy("give the rate", "--rate", "HZ")
         raise RecordingError(f"got a rate of {header_hz} Hz in its header", remedy=remedy, allowed="1 Hz or more")
     table = stored[:, None] if stored.ndim == 1 else stored
     columns = [Column(f"channel {i + 1}", "", table[:, i], ()) for i in range(table.shape[1])]
@@ -176,7 +176,7 @@ def _from_wav(
     if missing:
         doubts += (Finding(missing, where=path, remedy="check where it ends", verdict="warns", check="unfinished"),)
     rate_hz = header_hz if stated.rate_hz is None else float(stated.rate_hz)
-    doubts += _doubts(str(path), rate_hz, stated.remedy("if that is wrong, state the rate", "--rate", "HZ"))
+    doubts += _doubts(str(path), rate_hz, stated.remedy("if this rate is wrong, give the correct one", "--rate", "HZ"))
     source, header = ("WAV header", None) if stated.rate_hz is None else (AS_STATED, float(header_hz))
     return Recording(str(path), names[place], names, samples, unit, float(rate_hz), source, header, doubts=doubts)
 
@@ -194,9 +194,7 @@ def _from_columns(content: bytes, text: str, encoding: str, stated: Stated) -> T
     others = (*clocks, *read_as.stamped, *(at for at, one in enumerate(read_as.headings) if names_times(one)))
     signals = [place for place in range(len(columns)) if place not in others]
     if not signals:
-        raise RecordingError(
-            "got no column but those of times", remedy="name another file", allowed="a column of samples"
-        )
+        raise RecordingError("got only time columns", remedy="give another file", allowed="a column of samples")
     times: list[Column | None] = [columns[clocks[0]] if clocks else None] * len(signals)
     if stated.rate_hz is None and len(clocks) > 1:
         times = [clock_of(place, clocks, columns, stated) for place in signals]
@@ -258,8 +256,8 @@ def _from_channels(binary: Format, content: bytes, stated: Stated) -> Table:
     ]  # fmt: skip
     if not columns:
         raise RecordingError(
-            f"got a file of {binary.name} without a series of numbers", remedy="export the recording again",
-            allowed="arrays of one dimension, or of a column for each channel",
+            f"got a {binary.name} file without numeric arrays", remedy="export the recording again",
+            allowed="arrays with one dimension, or with a column for each channel",
         )  # fmt: skip
     over = {one.over for one in columns if one.over}
     scales = {held.name: columns[at] for at, held in enumerate(channels) if held.name in over}
@@ -271,7 +269,7 @@ def _from_channels(binary: Format, content: bytes, stated: Stated) -> Table:
     clocks = clocks_among(named, columns, stated)
     signals = [one for at, one in enumerate(columns) if at not in (*named, *clocks)]
     if not signals:
-        raise RecordingError("got no channel but those of times", remedy="export the samples, too")
+        raise RecordingError("got only time channels", remedy="export the samples too")
     times = [clock_beside(one, [columns[at] for at in clocks], scales, stated) for one in signals]
     return Table(signals, times, cut=missing)
 
@@ -279,9 +277,9 @@ def _from_channels(binary: Format, content: bytes, stated: Stated) -> Table:
 def _refuse_levels(signal: Column) -> None:
     if signal.unit.lower().startswith("db"):
         raise RecordingError(
-            f"got levels in {signal.unit} of channel {signal.name!r}",
+            f"got levels in {signal.unit} in channel {signal.name!r}",
             remedy="export the samples on a linear scale",
-            allowed="samples, which swing about their mean",
+            allowed="samples, which oscillate about their mean",
         )
 
 
@@ -292,23 +290,25 @@ def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> 
     signal, clock = table.signals[place], table.times[place]
     if signal.dimension.lower() != "time":
         raise RecordingError(
-            f"channel {signal.name!r} stands over {signal.dimension}", remedy="choose another channel", allowed="Time"
+            f"channel {signal.name!r} has {signal.dimension} as its x axis",
+            remedy="choose another channel",
+            allowed="Time",
         )
     if BESIDE in signal.unit:
         raise RecordingError(
-            f"got the units {signal.unit} of channel {signal.name!r} in its heading and below it",
-            remedy="write the right one into both, in a copy",
+            f"got the units {signal.unit} for channel {signal.name!r}, in its heading and in the line below",
+            remedy="write the correct unit in both places, in a copy",
             allowed="one unit",
         )
     _refuse_levels(signal)
     claimed_hz = _claimed_hz(signal, stated)
-    source = f"time column {clock.name!r}" if clock is not None else "header, no time column to check it against"
+    source = f"time column {clock.name!r}" if clock is not None else "header, without a time column to check it"
     if stated.rate_hz is not None:
         source, differs_by = AS_STATED, differs(clock, stated)
         samples, doubts = _in_turn(file, signal, float(stated.rate_hz), stated)
         on = grid.Grid(float(stated.rate_hz), 0.0)
         doubts += tuple(
-            Finding(what, where=file, remedy="check which is right", verdict="warns", check="rate")
+            Finding(what, where=file, remedy="check which one is right", verdict="warns", check="rate")
             for what in ((differs_by,) if differs_by else ())
         )
     elif clock is not None:
@@ -316,12 +316,16 @@ def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> 
     elif claimed_hz is not None:
         on, (samples, doubts) = grid.Grid(claimed_hz, 0.0), _in_turn(file, signal, claimed_hz, stated)
         claimed_hz = None
-        doubts += _doubts(file, on.rate_hz, stated.remedy("if that is wrong, state the rate", "--rate", "HZ"))
+        doubts += _doubts(
+            file, on.rate_hz, stated.remedy("if this rate is wrong, give the correct one", "--rate", "HZ")
+        )
     else:
         raise RecordingError(
-            f"got neither times nor a rate for channel {signal.name!r}",
-            remedy=stated.remedy("export them with it, in LabVIEW with X_Columns One, or state a rate", "--rate", "HZ"),
-            allowed="a column of times, or a rate or step above zero",
+            f"got no times and no rate for channel {signal.name!r}",
+            remedy=stated.remedy(
+                "export the times as well (in LabVIEW: X_Columns One), or give the rate", "--rate", "HZ"
+            ),
+            allowed="a time column, or a rate or step above zero",
         )
     if table.header_rates_hz:
         agreeing = (one for one in table.header_rates_hz if abs(one / on.rate_hz - 1) < AGREES)
@@ -330,8 +334,8 @@ def _recording(file: str, table: Table, stated: Stated, channel: str | None) -> 
         doubts += _contradicts(file, claimed_hz, on.rate_hz, source)
     if table.segments > 1 and stated.section is None:
         what, remedy = (
-            f"has {table.segments} segments, of which the first is read",
-            ("choose another", "--section", "2"),
+            f"has {table.segments} segments; palpate reads only the first",
+            ("choose another one", "--section", "2"),
         )
         doubts += (Finding(what, where=file, remedy=stated.remedy(*remedy), verdict="warns", check="segments"),)
     if table.cut:
@@ -353,9 +357,9 @@ def _claimed_hz(signal: Column, stated: Stated) -> float | None:
         likely = likely_unit(signal.bare_step, 0.0)
         if stated.time_unit not in SECONDS:
             raise RecordingError(
-                f"got a time of {signal.bare_step:g} between samples of {signal.name!r}, without a unit",
-                remedy=stated.remedy("state its unit", "--time-unit", likely),
-                allowed=f"a unit in its name or beside it, or one that is stated: {', '.join(SECONDS)}",
+                f"got a step of {signal.bare_step:g} between samples of {signal.name!r}, without a unit",
+                remedy=stated.remedy("give its unit", "--time-unit", likely),
+                allowed=f"a unit in or next to its name, or given as an option: {', '.join(SECONDS)}",
             )
         step = signal.bare_step * SECONDS[stated.time_unit]
     return 1 / step if step > 0 and isfinite(1 / step) else None
@@ -364,8 +368,8 @@ def _claimed_hz(signal: Column, stated: Stated) -> float | None:
 def _contradicts(file: str, claimed_hz: float, rate_hz: float, source: str) -> tuple[Finding, ...]:
     if abs(claimed_hz / rate_hz - 1) < AGREES:
         return ()
-    what = f"its header says {claimed_hz:.6g} Hz, and {rate_hz:.6g} Hz is from the {source}"
-    return (Finding(what, where=file, remedy="check which is right", verdict="warns", check="header"),)
+    what = f"the rate is {claimed_hz:.6g} Hz in the header, but {rate_hz:.6g} Hz from the {source}"
+    return (Finding(what, where=file, remedy="check which one is right", verdict="warns", check="header"),)
 
 
 def _present(signal: Column, stated: Stated) -> NDArray[np.intp]:
@@ -379,12 +383,12 @@ def _present(signal: Column, stated: Stated) -> NDArray[np.intp]:
     gaps = np.diff(np.concatenate(([-1], kept, [there.size]))) - 1
     bridged = kept.size > 2 and gaps.max() <= grid.LONGEST_GAP
     if not (stated.resample and bridged):
-        words = "export it again, or have curves bridge what is missing"
+        words = "export it again, or interpolate the missing samples"
         raise RecordingError(
-            f"got {there.size - kept.size} of {there.size} samples of {signal.name!r} that are no numbers, the first "
-            f"sample {at + 1}, {gaps.max()} in a row at most",
-            remedy=stated.remedy(words, "--resample") if bridged else "export it again, or cut the file there",
-            allowed=f"finite numbers, or gaps of at most {grid.LONGEST_GAP} to bridge",
+            f"{there.size - kept.size} of {there.size} samples of {signal.name!r} are not numbers (the first is sample "
+            f"{at + 1}; at most {gaps.max()} are in a row)",
+            remedy=stated.remedy(words, "--resample") if bridged else "export it again, or truncate the file there",
+            allowed=f"finite numbers, or gaps of at most {grid.LONGEST_GAP} samples to interpolate",
             line=None if isinstance(signal.lines, range) else signal.lines[at],
         )
     return kept
@@ -430,31 +434,35 @@ def _on_grid(
         samples, doubts = made.samples, (_resampled(file, signal.name, made), *doubts)
     rounded: tuple[Finding, ...] = (_rounded(file, on),) if on.resolution_s else ()
     if over:
-        what = f"{clock.name} is a counter of 32 bits that ran over, and its times are read on from there"
-        rounded += (Finding(what, where=file, remedy="check that none is missing", verdict="warns", check="counter"),)
+        what = f"{clock.name} is a 32-bit counter that overflowed; its times were continued from there"
+        rounded += (
+            Finding(what, where=file, remedy="check that no samples are missing", verdict="warns", check="counter"),
+        )
     likely = likely_unit(1 / on.rate_hz, 0.0)
-    remedy = stated.remedy(f"if its times are in {likely}, state it", "--time-unit", likely)
+    remedy = stated.remedy(f"if its times are in {likely}, give that unit", "--time-unit", likely)
     return on, samples, (*doubts, *rounded, *_doubts(file, on.rate_hz, remedy))
 
 
 def _rounded(file: str, on: grid.Grid) -> Finding:
-    what = f"has times in steps of {on.resolution_s:g} s, so that its rate is that of all samples over all the time"
-    return Finding(what, where=file, remedy="export more digits for better", verdict="warns", check="rounded")
+    what = f"has times in steps of {on.resolution_s:g} s, so the rate was averaged over the whole recording"
+    return Finding(what, where=file, remedy="export times with more digits", verdict="warns", check="rounded")
 
 
 def _resampled(file: str, channel: str, made: grid.Resampled) -> Finding:
-    gaps = f"; {made.bridged} missing samples are bridged, {made.longest} in a row at most" if made.bridged else ""
-    error = f"with an error of some {made.error:.2g} of its rms"
+    gaps = (
+        f"; {made.bridged} missing samples were interpolated, at most {made.longest} in a row" if made.bridged else ""
+    )
+    error = f"with an error of about {made.error:.2g} times its rms"
     what = f"{channel} was resampled at {made.grid.rate_hz:.6g} Hz, {error}{gaps}"
-    return Finding(what, where=file, remedy="record at a steady rate", verdict="warns", check="resampled")
+    return Finding(what, where=file, remedy="record at a constant rate", verdict="warns", check="resampled")
 
 
 def _missing(file: str, signal: Column, kept: NDArray[np.intp]) -> tuple[Finding, ...]:
     """Return what is doubtful of samples that are not `kept`: those cut at the ends, and those beyond the range."""
     begin, end = int(kept[0]), signal.values.size - 1 - int(kept[-1])
     beyond = np.count_nonzero(np.isinf(signal.values))
-    cut = f"{signal.name} is cut by {begin} samples at its beginning and {end} at its end, where samples are missing"
-    over = f"{signal.name} is beyond its range in {beyond} samples: what bridges them says nothing of their height"
+    cut = f"{signal.name} lacks {begin} samples at the beginning and {end} at the end, so it was trimmed"
+    over = f"{signal.name} is out of range in {beyond} samples, whose true values the interpolation cannot show"
     told = ((begin or end, cut, "export it again", "ends"), (beyond, over, "record at a lower gain", "clipping"))
     return tuple(
         Finding(what, where=file, remedy=remedy, verdict="warns", check=check)
@@ -465,13 +473,13 @@ def _missing(file: str, signal: Column, kept: NDArray[np.intp]) -> tuple[Finding
 
 def _clipped(file: str, channel: str, samples: NDArray[Any]) -> tuple[Finding, ...]:
     if (mark := grid.mark(samples)) is not None:
-        what = f"{channel} is {mark.value:g} in {mark.samples} samples, far from all others: a mark of missing ones?"
-        remedy = "take them out, and have the rest resampled"
+        what = f"{channel} is {mark.value:g} in {mark.samples} samples, far from all others: a code for missing ones?"
+        remedy = "remove these samples, and resample the rest"
         return (Finding(what, where=file, remedy=remedy, verdict="warns", check="marks"),)
     if (found := grid.clipping(samples)) is None:
         return ()
     ends = " and ".join(f"{end:.6g}" for end in found.ends)
-    what = f"{channel} looks clipped: {found.samples} samples in {found.runs} runs stand at {ends}"
+    what = f"{channel} looks clipped: {found.samples} samples (in {found.runs} runs) are at {ends}"
     return (Finding(what, where=file, remedy="record at a lower gain", verdict="warns", check="clipping"),)
 
 

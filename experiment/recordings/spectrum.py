@@ -103,14 +103,14 @@ class AmplitudeSpectrum:
             lines.insert(1, f"channels: {', '.join(recording.channels)}")
         if recording.other_clocks:
             told = ", ".join(map(repr, recording.other_clocks))
-            lines.insert(-1, f"other channels have times of their own, which are not those above: {told}")
+            lines.insert(-1, f"other channels have different times: {told}")
         claimed = recording.header_rate_hz
         if claimed is not None and abs(claimed / recording.rate_hz - 1) > 1e-3:
-            lines.append(f"the header claims {claimed:.6g} Hz, which is not used")
+            lines.append(f"the header gives {claimed:.6g} Hz, which was not used")
         if recording.jitter > 1e-3:
-            lines.append(f"samples lie up to {recording.jitter:.2g} steps off an even grid")
+            lines.append(f"samples are up to {recording.jitter:.2g} steps off an even grid")
         lines += [f"CAUTION: {doubt.clause()}" for doubt in recording.doubts]
-        lines.append("peaks:" if self.peaks else "no peak stands out")
+        lines.append("peaks:" if self.peaks else "no clear peak")
         lines += [f"  {peak.frequency_hz:10.2f} Hz  {peak.amplitude:.4g}{unit}" for peak in self.peaks]
         return "\n".join(lines)
 
@@ -141,7 +141,7 @@ def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:
             recording.file,
             f"got samples up to {loudest:g}",
             "check the unit",
-            allowed="numbers whose sum does not overflow",
+            allowed="smaller numbers, whose sum does not overflow",
         )
     bin_hz = recording.rate_hz / n
     places: Sequence[int] = ()
@@ -173,7 +173,9 @@ def curve(spectrum: AmplitudeSpectrum) -> tuple[NDArray[np.float64], NDArray[np.
 def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
     """Draw the spectrum with its peaks as .png or .svg; return `path`. Raises `RecordingError` for a bad path."""
     if path.suffix.lower() not in (".png", ".svg"):
-        raise RecordingError(path, f"got suffix {path.suffix!r}", "name the plot otherwise", allowed=".png, .svg")
+        raise RecordingError(
+            path, f"got suffix {path.suffix!r}", "choose another name for the plot", allowed=".png, .svg"
+        )
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -193,6 +195,9 @@ def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
         figure.savefig(path, dpi=150)
     except OSError as error:
         raise RecordingError(
-            path, f"cannot be written ({error.strerror})", "name the plot otherwise", allowed="a place to write to"
+            path,
+            f"cannot be written ({error.strerror})",
+            "choose another name for the plot",
+            allowed="a writable place",
         ) from error
     return path

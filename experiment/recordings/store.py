@@ -33,7 +33,7 @@ from palpate.experiment.settings.load import toml
 PLAN = "plan.json"
 LOCK = "lock"
 
-SIMULATED = "SIMULATED crackling noise, no recording of a real object"
+SIMULATED = "SIMULATED crackling noise, not a recording of a real object"
 """Label of every recording that a simulation made."""
 
 
@@ -91,8 +91,8 @@ def plan(
         raise RecordingError(
             "speeds",
             f"got {', '.join(f'{v:g}' for v in speeds)} mm/s",
-            "give such speeds in rising order",
-            allowed=f"{SLOWEST_MM_S:g} to {FASTEST_MM_S:g}, each above the one before",
+            "give increasing speeds within this range",
+            allowed=f"{SLOWEST_MM_S:g} to {FASTEST_MM_S:g}, each above the previous one",
         )
     count = synthesis.takes if takes is None else takes
     if not 1 <= count <= 100:
@@ -130,14 +130,16 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
     takes = list(takes)
     lengths = sorted({take.samples_m_s2.size for take in takes})
     if len(lengths) != 1:
-        raise RecordingError(directory, f"got takes of {lengths} samples", "cut them alike", allowed="one length")
+        raise RecordingError(
+            directory, f"got takes of {lengths} samples", "trim them to the same length", allowed="one length"
+        )
     for take in takes:
         if not np.all(np.isfinite(take.samples_m_s2)):
             raise RecordingError(
                 f"take {take.number} of {take.material or 'the panel'}", "NaN or infinite", "record again"
             )
     if directory.exists() and any(directory.iterdir()):
-        raise RecordingError(directory, "holds files already", "choose another", allowed="a new or empty directory")
+        raise RecordingError(directory, "already contains files", "choose another", allowed="a new or empty directory")
     directory.mkdir(parents=True, exist_ok=True)
     lines = [
         "format = 1",
@@ -176,12 +178,12 @@ def check(out: Path, planned: Plan) -> Path:
     partial = out.resolve().with_name(f".{out.resolve().name}.partial")
     if partial.is_symlink():
         raise RecordingError(
-            partial, "got a link", "remove it, or choose another --out", allowed="a folder that palpate record made"
+            partial, "got a link", "remove it, or choose another --out", allowed="a folder made by palpate record"
         )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        what = "holds files already" if out.is_dir() else "is a file"
+        what = "already contains files" if out.is_dir() else "is a file"
         if (out / MANIFEST).is_file():
-            what = "holds recordings already"
+            what = "already contains recordings"
             _finish(partial, (out / MANIFEST).read_bytes())
         raise RecordingError(out, what, "choose another with --out", allowed="a new or empty folder")
     if not (partial / PLAN).exists():
@@ -189,24 +191,24 @@ def check(out: Path, planned: Plan) -> Path:
         if takes:
             raise RecordingError(
                 partial,
-                f"got {takes} takes without their {PLAN}, which says what they are of",
-                "restore it, choose another --out, or remove the folder to start clean",
-                allowed="both together",
+                f"got {takes} takes without their {PLAN}, which lists their materials and speeds",
+                "restore it, choose another --out, or remove the folder to start over",
+                allowed="takes and plan together",
             )
         return partial
     try:
         found = storage.json_of(storage.read_bytes(partial / PLAN))
     except ValueError as error:
-        raise RecordingError(partial / PLAN, f"got no JSON ({error})", f"remove {partial} to start clean") from error
+        raise RecordingError(partial / PLAN, f"is not JSON ({error})", f"remove {partial} to start over") from error
     wanted = json.loads(json.dumps(asdict(planned)))
     if not isinstance(found, dict):
-        raise RecordingError(partial / PLAN, "got no plan", f"remove {partial} to start clean")
+        raise RecordingError(partial / PLAN, "is not a plan", f"remove {partial} to start over")
     differing = [_difference(key, found.get(key), wanted[key]) for key in wanted if found.get(key) != wanted[key]]
     if differing:
         raise RecordingError(
             partial,
-            f"holds an interrupted recording of another plan ({'; '.join(differing)})",
-            "go on with that plan, choose another --out, or remove the folder to start clean",
+            f"contains an interrupted recording with a different plan ({'; '.join(differing)})",
+            "continue that plan, choose another --out, or remove the folder to start over",
         )
     return partial
 
@@ -222,8 +224,8 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
     except Timeout as error:
         raise RecordingError(
             partial,
-            f"another palpate record is under way for {out}",
-            "end that one, or choose another --out",
+            f"another palpate record is running for {out}",
+            "stop it, or choose another --out",
             allowed="one",
         ) from error
     try:
@@ -282,8 +284,8 @@ def save_take(path: Path, window: Window, achieved_mm_s: float, zero: Zero | Non
 
 def _difference(key: str, there: object, asked: object) -> str:
     if file := {"protocol_sha256": "the protocol", "rig_sha256": "the rig"}.get(key):
-        return f"{file} {str(there)[:12]}... there, {str(asked)[:12]}... asked for (SHA-256)"
-    return f"{key} {there!r} there, {asked!r} asked for"
+        return f"{file} {str(there)[:12]}... in the folder, {str(asked)[:12]}... requested (SHA-256)"
+    return f"{key} {there!r} in the folder, {asked!r} requested"
 
 
 def _saved_take(path: Path, condition: Condition) -> Take:
@@ -293,5 +295,5 @@ def _saved_take(path: Path, condition: Condition) -> Take:
             zeros = content["zero"].tolist()
             zero = Zero(zeros[0], zeros[1], round(zeros[2])) if zeros else None
     except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
-        raise RecordingError(path, f"got a damaged take ({error})", "remove it, then record it again") from error
+        raise RecordingError(path, f"the take is damaged ({error})", "remove it, then record it again") from error
     return Take(condition.material, condition.speed_mm_s, condition.number, samples_m_s2, achieved_mm_s, zero)

@@ -84,19 +84,19 @@ class Ring:
         else:
             assert self.window_s is not None  # noqa: S101
             begins, ends = self.window_s
-            drift = "is too short to tell" if self.f_drift_hz is None else f"{self.f_drift_hz:+.2f} Hz"
+            drift = "not available (too short)" if self.f_drift_hz is None else f"{self.f_drift_hz:+.2f} Hz"
             lines += [
                 f"  f {self.f_hz:.2f} Hz (standard error {self.f_se_hz:.2g}), B {self.decay_per_s:.2f} /s "
                 f"({self.decay_se_per_s:.2g}), peak of the fitted curve {self.peak:.4g}{unit} ({self.peak_se:.2g}), "
-                f"R2 {self.r2:.4f}; standard errors by Newey and West, for residuals are correlated",
-                f"  from {begins:.5g} to {ends:.5g} s; drift of f from the first half to the second {drift}, of the "
-                f"baseline {self.baseline_drift:+.3g}{unit} a second",
+                f"R2 {self.r2:.4f}; Newey-West standard errors, because residuals are correlated",
+                f"  from {begins:.5g} to {ends:.5g} s; drift of f from the first half to the second: {drift}; drift of "
+                f"the baseline: {self.baseline_drift:+.3g}{unit} per second",
             ]
         if self.clipped_samples:
             levels = " and ".join(f"{level:.4g}" for level in self.clipped_at)
             lines.append(
-                f"  The peaks are clipped: {self.clipped_samples} samples at {levels}{unit} are left out, and the true "
-                "peak is above that. The fitted curve has its peak from the other samples."
+                f"  The peaks are clipped: {self.clipped_samples} samples at {levels}{unit} were left out, so the true "
+                "peak is higher. The fitted peak is based on the other samples."
             )
         return "\n".join(lines)
 
@@ -143,10 +143,10 @@ def ring(recording: Recording) -> Ring:
     tail, kept = y[largest:], ~clipped[largest:]
     if tail.size < FEWEST_SAMPLES:
         return misfit(
-            f"{tail.size} samples follow the largest one, and {FEWEST_SAMPLES} are needed. Record on after the tap."
+            f"{tail.size} samples follow the peak, but {FEWEST_SAMPLES} are needed. Record for longer after the tap."
         )
     if not np.abs(tail - quiet).max() > 1e-12 * max(np.abs(y).max(), 1e-300):
-        return misfit("nothing moves. Check the sensor and the channel.")
+        return misfit("the signal does not change. Check the sensor and the channel.")
     fit = _fitted(tail, kept, rate, *_guess(tail, kept, rate))
     if fit is None:
         return misfit(_NO_MODE)
@@ -160,11 +160,11 @@ def ring(recording: Recording) -> Ring:
         fit = again
     if fit.r2 < LEAST_R2:
         return misfit(
-            f"the best decaying sinusoid, at {fit.f_hz:.4g} Hz, explains {max(fit.r2, 0):.0%} of the variance, and "
-            f"{LEAST_R2:.0%} are needed. {_NO_MODE}"
+            f"the best decaying sinusoid, at {fit.f_hz:.4g} Hz, explains {max(fit.r2, 0):.0%} of the variance, but "
+            f"{LEAST_R2:.0%} is needed. {_NO_MODE}"
         )
     if size * fit.f_hz / rate < FEWEST_PERIODS - 0.5:
-        return misfit(f"{size * fit.f_hz / rate:.1f} periods fit into the ring, and {FEWEST_PERIODS:g} are needed.")
+        return misfit(f"the ringing has only {size * fit.f_hz / rate:.1f} periods, but {FEWEST_PERIODS:g} are needed.")
     half = size // 2
     halves = [
         _fitted(tail[part], kept[part], rate, fit.f_hz, fit.decay_per_s) for part in (slice(half), slice(half, size))
@@ -174,7 +174,7 @@ def ring(recording: Recording) -> Ring:
     return replace(known, window_s=window, f_drift_hz=drift if isfinite(drift) else None, **asdict(fit))
 
 
-_NO_MODE = "There is no single mode that rings and dies away: look at it with `palpate spectrum`."
+_NO_MODE = "The recording does not show a single ringing, decaying mode; inspect it with `palpate spectrum`."
 
 
 def clipped_samples(samples: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -301,7 +301,7 @@ class TapSet:
     def text(self) -> str:
         """Return the same for a reader."""
         unit = f" {self.unit}" if self.unit else ""
-        lines = ["Amplitude A = L D V, L being that at 0.2 m/s:"]
+        lines = ["Amplitude A = L D V, where L is the amplitude at 0.2 m/s:"]
         for name, made in zip(self.surfaces, self.scalings, strict=True):
             if made:
                 worst = max(map(abs, made.misfits))
@@ -311,7 +311,7 @@ class TapSet:
         if self.curve is None:
             return "\n".join([*lines, self.no_curve])
         lines.append(
-            f"Frequency over stiffness: f = {self.curve.at_zero_hz:.4g} Hz exp(K / {self.curve.per_n_m:.4g} N/m), "
+            f"Frequency against stiffness: f = {self.curve.at_zero_hz:.4g} Hz exp(K / {self.curve.per_n_m:.4g} N/m), "
             f"R2 of ln f {self.curve.r2:.3f}"
         )
         for name, k, f in zip(self.surfaces, self.stiffness_n_m, self.f_hz, strict=True):
@@ -368,11 +368,11 @@ def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
     unit = rings[0].unit if rings else ""
     whole = {name: group for name, group in found.items() if group}
     scalings: list[Scaling | None] = []
-    unscaled = [f"{name}: no recording of it was fitted." for name in found if name not in whole]
+    unscaled = [f"{name}: no recording was fitted." for name in found if name not in whole]
     for name, group in whole.items():
         speeds, peaks = [tap.speed_m_s for tap, _ in group], [_peak(one, unit) for _, one in group]
         if len(set(speeds)) < 2:
-            unscaled.append(f"{name}: L and D take two speeds or more; tap on it at another one.")
+            unscaled.append(f"{name}: L and D require two or more speeds; tap it at another speed.")
             scalings.append(None)
         else:
             scalings.append(scaling(speeds, peaks))
@@ -387,7 +387,9 @@ def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
         unscaled=tuple(unscaled),
         curve=frequency_curve(stiffness, f_hz) if enough else None,
         unit=unit,
-        no_curve="" if enough else "A curve of frequency over stiffness takes surfaces of two stiffnesses or more.",
+        no_curve=""
+        if enough
+        else "A curve of frequency against stiffness requires surfaces with at least two different stiffnesses.",
     )
 
 
@@ -397,8 +399,8 @@ def _peak(one: Ring, unit: str) -> float:
     if peak is None:
         raise RecordingError(
             one.file,
-            f"got a peak in {one.unit or 'no unit'}, and others in {unit or 'no unit'}",
-            "name the unit in the heading, or fit them apart",
+            f"got a peak in {one.unit or 'no unit'}, but others in {unit or 'no unit'}",
+            "add the unit to the heading, or fit these recordings separately",
             allowed="recordings in one unit, or in units of acceleration",
         )
     return peak
@@ -411,14 +413,14 @@ def _by_surface(rings: Sequence[Ring], taps: Sequence[Tapped]) -> dict[str, list
     for one in rings:
         tap = by_name.get(Path(one.file).name)
         if tap is None:
-            raise RecordingError(one.file, "the table of taps does not name it", "add a line for it")
+            raise RecordingError(one.file, "is not in the table of taps", "add a row for it")
         group = found.setdefault(tap.surface, [])
         if group and group[0][0].stiffness_n_m != tap.stiffness_n_m:
             raise RecordingError(
                 one.file,
-                f"got {tap.stiffness_n_m:g} N/m for {tap.surface}, and {group[0][0].stiffness_n_m:g} N/m before",
+                f"got {tap.stiffness_n_m:g} N/m for {tap.surface}, but {group[0][0].stiffness_n_m:g} N/m above",
                 "correct the table",
-                allowed="one stiffness for a surface",
+                allowed="one stiffness per surface",
             )
         if not one.misfit:
             group.append((tap, one))

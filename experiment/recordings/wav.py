@@ -37,13 +37,13 @@ def header_and_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]
     except Exception as error:
         # scipy meets a damaged header with whatever the broken number leads to: ZeroDivisionError, TypeError, ...
         states = int.from_bytes(content[4:8], "big" if content[:4] == b"RIFX" else "little") + 8
-        short = f"is cut off: it holds {len(content)} of the {states} bytes that its header states"
+        short = f"is cut off: it contains {len(content)} of the {states} bytes stated in its header"
         got = (
             short
             if content[:4] != b"RF64" and content[8:12] == b"WAVE" and len(content) < states
             else _undecoded(content)
         )
-        raise RecordingError(file, got, "export it again", allowed="whole PCM or float") from error
+        raise RecordingError(file, got, "export it again", allowed="complete PCM or float") from error
     if samples.size == 0:
         raise RecordingError(file, "got no samples", "export it again", allowed="one or more")
     return int(rate_hz), np.asarray(samples)
@@ -55,5 +55,7 @@ def _undecoded(content: bytes) -> str:
     tag = int.from_bytes(content[place : place + 2], "big" if content[:4] == b"RIFX" else "little")
     known = tag in (1, 3, 0xFFFE) or place < 8
     return (
-        "got a damaged WAV file" if known else f"got a WAV file in the form {tag:#06x} ({FORMS.get(tag, 'compressed')})"
+        "the WAV file is damaged"
+        if known
+        else f"got a WAV file in the format {tag:#06x} ({FORMS.get(tag, 'compressed')})"
     )

@@ -69,20 +69,20 @@ class Step:
         """Return what speaks against keeping the step; empty for a good take."""
         found = []
         if abs(self.deviation) > SPEED_TOLERANCE:
-            found.append(f"speed off by {self.deviation:+.0%}, more than {SPEED_TOLERANCE:.0%}")
+            found.append(f"the speed is off by {self.deviation:+.0%}, more than {SPEED_TOLERANCE:.0%}")
         if self.window is None:
-            found.append("nothing shook the panel")
+            found.append("the panel did not vibrate")
         elif self.window.clipped:
-            found.append(f"{self.window.clipped} samples beyond the accelerometer's full scale")
+            found.append(f"{self.window.clipped} samples exceed the accelerometer's full scale")
         found += [gap.sentence for gap in self.window.gaps] if self.window is not None else []
         if self.restless:
-            found.append("the panel may still have shaken from an earlier knock")
+            found.append("the panel may still have been vibrating from an earlier knock")
         return tuple(found)
 
     @property
     def verdict(self) -> str:
         """Return what the experimenter should know about the step."""
-        notes = () if self.knock_ms is None else (f"a knock {self.knock_ms:.0f} ms before contact was left out",)
+        notes = () if self.knock_ms is None else (f"an impact {self.knock_ms:.0f} ms before contact was ignored",)
         return "; ".join([*(self.problems or (f"within {SPEED_TOLERANCE:.0%}",)), *notes])
 
 
@@ -132,7 +132,7 @@ def record_on_rig(
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if rig.rig.simulated:
         raise RecordingError(
-            rig_file, "is a simulated rig", "name another, or record --simulated", allowed="a real one"
+            rig_file, "is a simulated rig", "give another rig, or record with --simulated", allowed="a real one"
         )
     rigs.check(rig, protocol.table(Footstep).step)
     clock = MonotonicClock()

@@ -30,7 +30,7 @@ ENVELOPE = re.compile(
 )
 """A line, whatever its entry is: its number, its time and the hash of the line before it."""
 
-COPY_FIRST = "keep a copy of it as it is, and restore it from a backup"
+COPY_FIRST = "copy the file as it is, then restore it from a backup"
 """What to do with a file of which a line was changed or is missing."""
 
 
@@ -107,15 +107,15 @@ def read(path: Path, error: type[PalpateError], *, strict: bool = True) -> Chain
         last = links[-1].sha256
     (known, named), file = head, head_path(path).name
     if len(links) < known:
-        raise error(path, f"the file is truncated: it had {known} lines and has {len(links)}", COPY_FIRST)
+        raise error(path, f"the file is truncated: it had {known} lines and now has {len(links)}", COPY_FIRST)
     if (links[known - 1].sha256 if known else GENESIS) != named:
-        raise error(path, f"line {known} is not the one that {file} names", COPY_FIRST)
+        raise error(path, f"line {known} does not match {file}", COPY_FIRST)
     if len(links) > known + 1:
         raise error(
             path,
-            f"got {len(links)} lines and {f'a {file} of {known}' if known else f'no {file}'}",
+            f"got {len(links)} lines, but {f'{file} states {known}' if known else f'no {file}'}",
             "restore both files from a backup",
-            allowed=f"one that names {len(links)}, or one less after a kill",
+            allowed=f"a {file} that states {len(links)}, or one less after a forced stop",
         )
     return Chain(tuple(links), End(len(links), last, len(data or b"") - len(torn), torn))
 
@@ -152,7 +152,7 @@ def _head(path: Path, error: type[PalpateError]) -> tuple[int, str]:
     if not head:
         return 0, GENESIS
     if (found := re.fullmatch(r"([0-9]{12}) ([0-9a-f]{64})\n", head)) is None:
-        raise error(file, "is no head of a file", f"restore it and {path.name} from a backup")
+        raise error(file, "is not a valid chain head", f"restore it and {path.name} from a backup")
     return int(found[1]), found[2]
 
 
@@ -167,15 +167,15 @@ def _verified(path: Path, number: int, line: bytes, last: str, error: type[Palpa
     except (ValueError, KeyError, TypeError) as refused:
         envelope = None if strict else ENVELOPE.fullmatch(line)
         if envelope is None:
-            older = "it was changed, or an older palpate wrote it"
-            raise error(path, f"{where} is no chained line: {older}", COPY_FIRST) from refused
+            older = "it was changed, or an older version of palpate wrote it"
+            raise error(path, f"{where} is not a chained line: {older}", COPY_FIRST) from refused
         n, t_ns, prev, entry = int(envelope[1]), int(envelope[2]), envelope[3].decode(), {}
         problem = str(refused)
     if (n, prev) != (number, last):
         raise error(path, f"{where} does not follow the line before it: a line was changed or is missing", COPY_FIRST)
     # JSON lets a line hold more than what it says, another line among it: blanks, or one key twice.
     if not problem and line != _line(number, t_ns, last, entry):
-        raise error(path, f"{where} is not as palpate writes it: it was changed", COPY_FIRST)
+        raise error(path, f"{where} was changed: palpate does not write lines like this", COPY_FIRST)
     return Link(t_ns, entry, line, hashlib.sha256(line).hexdigest(), problem)
 
 
@@ -197,10 +197,10 @@ class Writer:
         # Without a buffer, which would be written after all once a full disk has room again.
         self._file = FileIO(path, "ab")
         try:
-            running = "the file is being written by another runner"
-            hold(self._file.fileno(), SessionLocked(path, running, "end it there, or wait until it ends"))
+            running = "another session is writing to the file"
+            hold(self._file.fileno(), SessionLocked(path, running, "end that session, or wait until it ends"))
             if os.fstat(self._file.fileno()).st_size != end.size + len(end.torn):
-                raise SessionLocked(path, "was written since it was read", "do the same again")
+                raise SessionLocked(path, "changed after it was read", "try again")
             self._cut()
             self._head = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o666)
         except BaseException:

@@ -115,7 +115,7 @@ def read(path: Path, *, strict: bool = True) -> Contents:
     behind the header may be unreadable.
     """
     if not path.is_file():
-        raise JournalError(path, "cannot read the journal: it is no file", "give the path of a journal")
+        raise JournalError(path, "cannot read the journal: it is not a file", "give the path of a journal")
     return read_if_begun(path, strict=strict)
 
 
@@ -151,8 +151,8 @@ def refuse_unreadable(path: Path, contents: Contents) -> None:
             elif isinstance(entry, entries.Redo):
                 by_trial.pop(entry.trial, None)
         answers = ", ".join(f"trial {trial} {answered or 'no answer'}" for trial, answered in by_trial.items())
-        rest = f"These answers are confirmed: {answers}" if answers else "No answer is confirmed"
-        ask = f"{rest}. Show all other entries with {{}}, and ask the maintainers for a version that reads it"
+        rest = f"Confirmed answers: {answers}" if answers else "No answers were confirmed"
+        ask = f"{rest}. To show all other entries, run {{}}. Ask the maintainers for a version that reads this line"
         show = ("palpate", "journal", str(path))
         remedy = Remedy(f"no line is missing or changed. {ask}", show, suffices=False)
         raise _refused(path, one.number, one.why, remedy)
@@ -181,11 +181,13 @@ def _why(error: ValueError) -> str:
     if not isinstance(error, ValidationError):
         return str(error)
     problem = error.errors(include_url=False)[0]
-    return f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}" if problem["loc"] else "not of a known kind"
+    return f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}" if problem["loc"] else "its kind is unknown"
 
 
 def _refused(path: Path, number: int, why: str, remedy: Remedy | str) -> JournalError:
-    return JournalError(path, f"line {number} is no journal entry that this palpate knows ({why})", remedy)
+    return JournalError(
+        path, f"line {number} is not a journal entry that this version of palpate can read ({why})", remedy
+    )
 
 
 class Journal:
@@ -224,7 +226,7 @@ class Journal:
         Raises `JournalError`, before writing if `read` would refuse it, if the disk fails or the journal was moved.
         """
         if not self._writer.whole:
-            raise JournalError(self._path, "an earlier entry was interrupted", "run the same command again")
+            raise JournalError(self._path, "an earlier entry was not completely written", "run the same command again")
         t_ns = self._clock.now_ns()
         link = self._readable(t_ns, entry)
         self._is_of(entry)
@@ -245,7 +247,7 @@ class Journal:
         except ValueError as error:
             raise JournalError(
                 self._path,
-                f"an entry of kind {entry.kind} was not written, because it could not be read again ({_why(error)})",
+                f"an entry of kind {entry.kind} was not written, because it could not be read back ({_why(error)})",
                 "run the same command again",
             ) from error
         return link
@@ -275,7 +277,7 @@ def unwritable(path: Path, error: OSError) -> JournalError:
     return JournalError(
         path,
         f"cannot be written ({error.strerror}); check the disk and its free space, then run the same command again",
-        "every answer that was confirmed is on disk",
+        "every confirmed answer is saved",
     )
 
 
@@ -288,9 +290,8 @@ def check_place(file: int, path: Path) -> None:
     if not stands:
         raise JournalError(
             path,
-            "the file is gone: it, or the folder that it stands in, was deleted, moved or replaced while the session "
-            "wrote it",
-            "put it back from where it is now or from a backup, then run the same command again",
+            "the file is missing: it or its folder was deleted, moved or replaced during the session",
+            "move it back or restore it from a backup, then run the same command again",
         )
 
 
@@ -324,7 +325,7 @@ def check_free(folder: Path, participant: str) -> None:
 def locked(folder: Path, participant: str) -> Iterator[None]:
     """Lock a participant until this process ends. Raises `SessionLocked` if another runner has the lock."""
     refused = SessionLocked(
-        f"a session of participant {participant} is running", remedy="end it at its console, or wait until it ends"
+        f"a session with participant {participant} is running", remedy="end it at its console, or wait until it ends"
     )
     with ExitStack() as held:
         try:

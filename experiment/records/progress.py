@@ -83,8 +83,8 @@ class Progress:
     def training_words(self) -> str:
         """How far the training is, in words; nothing where none has begun."""
         if (ended := self.training) is None:
-            return f"{len(self.trained)} trials of the training are answered" if self.trained else ""
-        reached = {None: "", True: ", its criterion reached", False: ", its criterion not reached"}[ended.reached]
+            return f"{len(self.trained)} training trials have been answered" if self.trained else ""
+        reached = {None: "", True: ", criterion reached", False: ", criterion not reached"}[ended.reached]
         return f"The training is over after {ended.answered} answers{reached}"
 
     def after(self, entry: Entry) -> Progress:

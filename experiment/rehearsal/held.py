@@ -54,7 +54,7 @@ class Held:
     def words(self) -> str:
         """The same in words."""
         held = f"{self.mb:.0f} MB, {self.threads} threads, {len(self.modules)} modules"
-        return f"{held}, open after {self.cpu_s:.1f} s of processor time"
+        return f"{held}, ready after {self.cpu_s:.1f} s of processor time"
 
 
 def started(asked: Asked, opened: ExitStack) -> Held:
@@ -66,7 +66,7 @@ def started(asked: Asked, opened: ExitStack) -> Held:
     line = process.stdout.readline() if process.stdout is not None else ""
     if not line:
         why = process.communicate()[1].strip().splitlines()
-        raise SessionError(f"task {asked.task}", f"its process ended: {why[-1] if why else 'it says no reason'}")
+        raise SessionError(f"task {asked.task}", f"its process ended: {why[-1] if why else 'it gave no reason'}")
     return Held(**json.loads(line))
 
 
@@ -109,7 +109,7 @@ def plans(
     total, tick = bar
     total(len(tasks))
     with tempfile.TemporaryDirectory() as folder:
-        source = "SIMULATED recordings, made for this plan"
+        source = "SIMULATED recordings, generated for this plan"
         if recordings is None:
             recordings = recorded_takes.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
         else:
@@ -128,7 +128,7 @@ def _process(protocol_file: Path, rig_file: Path, rig: "Rig", task: str, recordi
     from palpate.experiment.rehearsal.session import simulated_far_ends
 
     if not rig.rig.simulated:
-        return "not measured, for the devices of this rig stay closed while it is planned for"
+        return "not measured, because planning does not open this rig's devices"
     try:
         with ExitStack() as opened:
             ends = simulated_far_ends(rig, opened)

@@ -94,7 +94,7 @@ class SimulatedPerson(Console):
                     self.screen.ask(question)
                 return Reply()
             case questions.Familiarise(instruction=instruction, min_s=min_s, max_s=max_s):
-                self.show(f"Familiarisation: {instruction}")
+                self.show(f"Familiarization: {instruction}")
                 self.clock.sleep_ns(int(self._rng(0, 2).uniform(min_s, max(max_s, min_s)) * 1e9))
             case questions.Break(left_s=left_s):
                 self.clock.sleep_ns(int(left_s * 1e9))

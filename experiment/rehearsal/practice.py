@@ -24,33 +24,33 @@ ARMED, ANSWERED = "armed", "answered"
 """Steps of a trial in which the experimenter presses nothing."""
 
 LESSONS: Mapping[str, str] = {
-    "agree": "Check what the question asks before you press a key. The reply goes on record.",
-    "familiarise": "The participant gets to know the materials. Each key, and Enter, does what stands beside it.",
-    "level": "Listen to the participant and press the key for what they want. Enter keeps the level.",
-    "say": "The microphone listens after your key. Ask for the word, then press the key.",
-    "rest": "The tracker is zeroed now. Press Enter once the foot rests still on the bare panel.",
-    "place": "Only you read what to lay out. Lay it out, then press Enter.",
-    ARMED: "The trial is armed. You press nothing until the console asks.",
-    "play": "Make sure that the participant is ready, then press Enter. Nothing is felt before that.",
-    "answer": "Press the key for what the participant says. Do not repeat it, and do not react to it.",
-    ANSWERED: "The participant answers alone. You press nothing unless they ask you for something.",
-    "confirm": "Compare the answer on the screen with what you heard before you confirm it. Only then is it saved.",
+    "agree": "Read the question before you press a key. Your reply is recorded.",
+    "familiarise": "The participant is getting to know the materials. The label next to each key shows what it does.",
+    "level": "Listen to the participant, and press the key for what they want. Enter confirms the level.",
+    "say": "Press the key, then ask for the word. The microphone starts listening when you press the key.",
+    "rest": "The tracker is about to be zeroed. Press Enter once the foot is resting still on the bare panel.",
+    "place": "Only you can see which material to lay out. Lay it out, then press Enter.",
+    ARMED: "The trial is armed. Do not press anything until a question appears.",
+    "play": "Make sure that the participant is ready, then press Enter to start the stimulus.",
+    "answer": "Press the key for the participant's answer. Do not repeat the answer or react to it.",
+    ANSWERED: "The participant answers without your help. Do not press anything unless they ask you for something.",
+    "confirm": "Compare the answer on the screen with what you heard, then confirm it. It is saved only then.",
     "break": "The break ends by itself. Ask whether the headphones are comfortable.",
-    "continue": "The session is paused, and every answer is saved. The participant decides whether to go on.",
-    "debrief": "All trials are answered. Add missing notes and corrections now.",
-    "write": "Write in the participant's own words, without any name. An empty line is allowed.",
+    "continue": "The session is paused, and every answer is saved. The participant decides whether to continue.",
+    "debrief": "All trials have been answered. Add any notes and corrections now.",
+    "write": "Use the participant's own words, without any name. You can leave the line blank.",
 }
 """What the guide explains at each step, by the kind of its question."""
 
-HESITATES = "The participant hesitates. Wait, and do not help."
-RESTS = "The participant asks for a break. F6 begins one; on lines of text, the pause key does at the next answer."
+HESITATES = "The participant is hesitating. Wait, and do not help."
+RESTS = "The participant asks for a break. Press F6. With --lines, press the pause key at the next answer."
 LEAVES = (
-    "The participant does not want to go on today. Ask for no reason. F8 ends the session, and all answers are saved; "
-    "on lines of text, Ctrl-C does."
+    "The participant does not want to continue today. Do not ask why. Press F8 (with --lines: Ctrl-C) to end the "
+    "session. All answers are saved."
 )
 DIFFERS = (
-    "You confirmed '{confirmed}', and the participant's answer is '{said}'. Correct trial {trial}: press F3, or on "
-    "lines of text type at the next answer: correct {trial} {key} misheard"
+    "You confirmed '{confirmed}', but the participant's answer is '{said}'. To correct trial {trial}, press F3. With "
+    "--lines, type at the next answer: correct {trial} {key} misheard"
 )
 
 
@@ -78,8 +78,8 @@ class Guided:
 
 
 @dataclass(kw_only=True)
-class Practised:
-    """Implements `Console`: an experimenter practises at `desk`, which tells what the simulated participant says."""
+class Practiced:
+    """Implements `Console`: an experimenter practices at `desk`, which tells what the simulated participant says."""
 
     desk: Guided
     participant: SimulatedPerson
@@ -107,9 +107,9 @@ class Practised:
         match question:
             case Level():
                 said = {PROBE_KEY: "let me feel it", **dict.fromkeys((LOUDER_KEY, HEARD_KEY), "I can still hear it")}
-                words = said.get(self.participant.wishes(question), "I no longer hear it")
+                words = said.get(self.participant.wishes(question), "I can no longer hear it")
                 self.desk.tell(Notice(f"The participant says: {words}."))
-                # Whoever practises has the participant's keys as well.
+                # Whoever practices has the participant's keys as well.
                 return self.desk.ask(replace(question, by="either"))
             case questions.TrialAnswer():
                 return self._ask(question)

@@ -34,7 +34,7 @@ from palpate.experiment.records.entries import Footer, Purpose
 from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind, stepping
 from palpate.experiment.rehearsal.participant import SimulatedPerson, Tick
-from palpate.experiment.rehearsal.practice import Guided, Practised
+from palpate.experiment.rehearsal.practice import Guided, Practiced
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedButtons, SimulatedPedal
@@ -85,7 +85,9 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
     for task_id in job.tasks:
         footer = run_task(job, task_id, tick, screen)
         if footer.reason == "paused":
-            raise Interrupted(f"the rehearsal was paused ({footer.detail})", remedy="the same command goes on with it")
+            raise Interrupted(
+                f"the rehearsal was paused ({footer.detail})", remedy="run the same command to continue it"
+            )
 
 
 def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: Guided | None = None) -> Footer:
@@ -243,7 +245,7 @@ class SimulatedEnds:
     def console(self) -> Console:
         person = self._person()
         person.box = self._box
-        return person if self.desk is None else Practised(desk=self.desk, participant=person)
+        return person if self.desk is None else Practiced(desk=self.desk, participant=person)
 
     def _person(self) -> SimulatedPerson:
         tasks = [task.id for task in self.protocol.tasks]
@@ -376,7 +378,7 @@ def rehearse_at_once(
 
 def _end_at(interrupts: Sequence[int]) -> None:
     if interrupts:
-        raise Interrupted("the rehearsal was interrupted", remedy="the same command goes on with it")
+        raise Interrupted("the rehearsal was interrupted", remedy="run the same command to continue it")
 
 
 @contextmanager

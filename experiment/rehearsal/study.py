@@ -45,17 +45,17 @@ OPTIONS = {"REHEARSAL": "--out", "PRACTICE": "--dataset"}
 """What names the folder of each on the command line."""
 
 PRACTICE_SEED = 1
-"""So that whoever practises again meets the same trials."""
+"""So that whoever practices again meets the same trials."""
 
-WELCOME = """{label}. Nothing here is data of the study.
-Everything is kept in {out}, and every file there says PRACTICE."""
+WELCOME = """{label}. These are not data of the study.
+All files are saved in {out} and marked PRACTICE."""
 
 TO_DO = """Participant {participant}, task {task}, {left} trials (fewer: --repetitions). You are the experimenter.
-Where something is to be laid out, press Enter. Familiarisation may end at once, and no break is waited for. {answers}
+Press Enter instead of laying out materials. You may end familiarization immediately, and breaks are skipped. {answers}
 Ctrl-C pauses."""
 
-SAYS = "In each trial the simulated participant says an answer: choose its key, and confirm it."
-PRESSES = "The simulated participant answers every trial alone: there is nothing to confirm."
+SAYS = "In each trial the simulated participant says an answer: press its key, then confirm it."
+PRESSES = "The simulated participant answers every trial without you, so there is nothing to confirm."
 
 
 def rehearse(
@@ -90,7 +90,7 @@ def rehearse(
         raise DatasetError(
             "--participants",
             f"got {count}",
-            "give number",
+            "give a number",
             allowed=f"1 to {protocol.study.participants}, as in the protocol",
         )
     _check_control(protocol, control)
@@ -137,13 +137,13 @@ def _check_control(protocol: Protocol, control: str) -> None:
     if control == "silence" and not protocol.renders:
         raise DatasetError(
             "--control",
-            f"got silence for study {protocol.study.id}",
+            f"study {protocol.study.id} does not play anything",
             "leave it out",
-            allowed="none, because nothing is played there",
+            allowed="none, because this study does not play anything",
         )
     if control == "heard" and not any(task.control for task in protocol.tasks):
         raise DatasetError(
-            "--control", f"got heard for study {protocol.study.id}", "leave it out", allowed="a study with a control"
+            "--control", f"study {protocol.study.id} has no control", "leave it out", allowed="a study with a control"
         )
 
 
@@ -152,13 +152,13 @@ def _check_paced(rig_file: Path, rig: rigs.Rig, protocol: Protocol) -> None:
     if rig.audio is not None:
         raise DatasetError(
             rig_file,
-            "its audio device runs in real time, and simulated time is faster",
+            "its audio device runs in real time, but simulated time runs faster",
             "add --real-time, or give a rig without [audio]",
         )
     if rig.tracker is not None and rig.tracker.zeroing_mm is not None and protocol.gate is not None:
         raise DatasetError(
             rig_file,
-            "its tracker is zeroed by a resting foot, and no foot rests in simulated time",
+            "its tracker is zeroed with a resting foot, but no foot rests in simulated time",
             "add --real-time, or give a rig without tracker.zeroing_mm",
         )
 
@@ -176,7 +176,7 @@ def simulated_rig(protocol: Protocol) -> Path:
 
 
 def practice_folder(protocol_file: Path, repetitions: int | None) -> Path:
-    """Return where this version of a protocol is practised, with so many repetitions, unless another folder is named.
+    """Return where this version of a protocol is practiced, with so many repetitions, unless another folder is named.
 
     It is the first folder without practice of another version. Raises `ProtocolError` as `files.load`.
     """
@@ -185,18 +185,18 @@ def practice_folder(protocol_file: Path, repetitions: int | None) -> Path:
     few = f"-{repetitions}-of-each" if repetitions else ""
     plain = Path("participants") / f"practice-{protocol.study.id}{few}"
     folders = (plain if one == 1 else plain.with_name(f"{plain.name}-{one}") for one in itertools.count(1))
-    return next(one for one in folders if _version_practised(one) in ("", approval.sha256(protocol)))
+    return next(one for one in folders if _version_practiced(one) in ("", approval.sha256(protocol)))
 
 
-def _version_practised(folder: Path) -> str:
-    """Return the hash of the protocol that is practised in a folder, empty where none is."""
+def _version_practiced(folder: Path) -> str:
+    """Return the hash of the protocol that is practiced in a folder, empty where none is."""
     try:
         return str(storage.json_of(storage.read_bytes(storage.plan_path(folder)))["protocol_sha256"])
     except (OSError, ValueError, KeyError, TypeError):
         return "" if not folder.exists() or not any(folder.iterdir()) else "unknown"
 
 
-def practise(
+def practice(
     *,
     protocol_file: Path,
     repetitions: int | None,
@@ -234,7 +234,7 @@ def practise(
         if tasks[0] not in left:
             raise RosterError(
                 f"participant {participant} does not do task '{task_id}'",
-                remedy="name one of these",
+                remedy="choose one of these",
                 allowed=", ".join(left),
             )
         facts = {"label": build.LABELS["PRACTICE"], "participant": participant, "task": tasks[0], "out": out}
@@ -250,19 +250,19 @@ def practise(
     if footer.reason == "paused":
         onward = ""
     elif not left[tasks[-1]]:
-        onward = "This session was complete before. To practise it anew, name another --participant or --dataset."
+        onward = "This session is already complete. To practice again, give another --participant or --dataset."
     else:
         of = ("--rig", str(rig_file)) if rig_file != simulated_rig(protocol) else ()
         few = ("--repetitions", str(repetitions)) if repetitions else ()
         again = ("palpate", "run", str(protocol_file), "--practice", "-p", participant, "--dataset", str(out))
-        study = "Every task is practiced. The desk shows what the study needs next"
+        study = "You have practiced every task. The desk shows the next step of the study"
         onward = f"{study}: {shown(('palpate', 'desk', str(protocol_file)))}"
         if others:
             onward = f"To practice the other task: {shown((*again, *of, *few, '--task', others[0]))}"
     # What ended the session may stand on an unfinished line.
     console.tell(Notice(f"\n{onward}"))
     if footer.answered:
-        console.tell(Notice(f"To see tables of what you practised: {shown(('palpate', 'analyse', str(out)))}"))
+        console.tell(Notice(f"To see tables of your practice sessions: {shown(('palpate', 'analyse', str(out)))}"))
     return footer
 
 
@@ -285,7 +285,9 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     """Return a rig whose files can all be used, before any folder is made. Raises `PalpateError`."""
     rig = rigs.load(rig_file)
     if not rig.rig.simulated:
-        raise DatasetError(rig_file, "is a real rig", "give such a rig file", allowed="one that says simulated = true")
+        raise DatasetError(
+            rig_file, "is a real rig", "use a simulated rig file", allowed="a rig file with simulated = true"
+        )
     answering.check(protocol, rig)
     for task in protocol.tasks:
         rehearsal_kind(task).lacks_nothing(rig, protocol)
@@ -303,8 +305,8 @@ def _panel(panel_file: Path | None, rig_file: Path, rig: rigs.Rig) -> bytes | No
     if rig.actuator.shaping is None:
         raise DatasetError(
             rig_file,
-            "its actuator takes accelerations, and a panel of modes takes volts",
-            "leave out --panel, or give such a rig",
+            "its actuator takes accelerations, but a simulated panel with modes needs volts",
+            "leave out --panel, or use a rig with [actuator.shaping]",
             allowed="a rig with [actuator.shaping]",
         )
     return storage.read_bytes(panel_file)
@@ -318,8 +320,10 @@ def _is_begun_on(beside: Mapping[str, bytes | None], out: Path, plan: Plan) -> b
         kept = storage.protocol_path(out).with_name(name)
         if content != (storage.read_bytes(kept) if kept.exists() else None):
             another = f"choose another folder with {OPTIONS[plan.label]}"
-            what, option = ("on another panel", "--panel") if name == PANEL_FILE else ("otherwise heard", "--control")
-            raise DatasetError(out, f"holds a rehearsal {what}", another, allowed=f"the same {option} as before")
+            what, option = (
+                ("on another panel", "--panel") if name == PANEL_FILE else ("with a different control", "--control")
+            )
+            raise DatasetError(out, f"contains a rehearsal {what}", another, allowed=f"the same {option} as before")
     return True
 
 
@@ -341,18 +345,18 @@ def is_begun(out: Path, plan: Plan) -> bool:
         found = storage.json_of(storage.read_bytes(storage.plan_path(out)))
     except (OSError, ValueError):
         raise DatasetError(
-            out, f"is no dataset of {plan.what}, and {plan.what} never writes into anything else", another
+            out, f"is not the dataset of {plan.what}, and {plan.what} writes only to its own datasets", another
         ) from None
     if not isinstance(found, dict):
         found = {}
     wanted = plan.model_dump()
     differing = [
-        f"{name} {found.get(name)} there, {wanted[name]} asked for"
+        f"{name} {found.get(name)} there, {wanted[name]} requested"
         for name in wanted
         if found.get(name) != wanted[name]
     ]
     if differing:
-        raise DatasetError(out, f"holds {plan.what} of something else ({'; '.join(differing)})", another)
+        raise DatasetError(out, f"contains {plan.what} with other settings ({'; '.join(differing)})", another)
     return True
 
 
@@ -387,8 +391,8 @@ def _prepared(
         if isinstance(ended, OSError) and ended.errno in (errno.ENOTEMPTY, errno.EEXIST):
             raise DatasetError(
                 out,
-                "another palpate is making it at this moment",
-                f"give the same command later, or choose another folder with {OPTIONS[plan.label]}",
+                "another palpate program is creating it now",
+                f"run the same command later, or choose another folder with {OPTIONS[plan.label]}",
                 allowed="one",
             ) from None
         raise

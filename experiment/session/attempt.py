@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from palpate.experiment.desk.voice.ear import Ear
     from palpate.experiment.desk.voice.listening import Listening
 
-FELT = "Trial {trial} was felt, and comes again at the end of its block."
+FELT = "Trial {trial} was felt, so it will be repeated at the end of its block."
 """What is said where a session pauses before an answer."""
 
 
@@ -85,7 +85,7 @@ def follow(state: State, event: Event) -> State:
     try:
         return TRANSITIONS[state, event]
     except KeyError:
-        allowed = ", ".join(e for s, e in TRANSITIONS if s is state) or "nothing: the session has ended"
+        allowed = ", ".join(e for s, e in TRANSITIONS if s is state) or "no event: the session has ended"
         raise SessionError(f"a session that is {state} got {event}", allowed=allowed) from None
 
 
@@ -179,7 +179,9 @@ class Attempts:
         self.undelivered = self.undelivered + 1 if seen.delivered is False else 0
         if seen.repeat:
             reason = "; ".join(filter(None, (seen.repeat, self.limits.skipped())))
-            self.devices.console.tell(Notice(f"Trial {planned.trial} is repeated at the end of its block: {reason}."))
+            self.devices.console.tell(
+                Notice(f"Trial {planned.trial} will be repeated at the end of its block: {reason}.")
+            )
             return self._put_off(planned, attempt, reason)
         if self.ear is not None:
             self.ear.listen(planned.trial, attempt, seen.answerable_ns)
@@ -206,7 +208,7 @@ class Attempts:
         if reason := self.limits.skipped():
             return self._put_off(planned, attempt, reason)
         others = {
-            spoken.redo_key: "do this trial again",
+            spoken.redo_key: "repeat this trial",
             spoken.pause_key: "pause",
             **(questions.MASKER if self.masking is not None else {}),
         }
@@ -273,7 +275,7 @@ class Attempts:
                 self.kind.press(reply.key)
             elif reply.key in question.answers and (lacking := self.kind.lacking()):
                 redo_key = self.protocol.answers.redo_key
-                self.devices.console.tell(Notice(f"{lacking} [{redo_key}] does this trial again."))
+                self.devices.console.tell(Notice(f"{lacking} [{redo_key}] repeats this trial."))
             elif reply.by != "experimenter":
                 return reply, chosen_ns
             elif self.masking is None or not self.masking.change(reply.key):

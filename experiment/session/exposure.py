@@ -40,7 +40,10 @@ LOOK_S, LATE_NS = 0.1, 10**9
 SLOW_S = 2.0
 """After so long without an answer from the disk the experimenter is told, s."""
 
-SLOW = "The disk does not answer. What is answered or noted waits for it; a pause silences everything all the same."
+SLOW = (
+    "The disk is not responding. Answers and notes will be saved when it does. A pause still silences everything "
+    "immediately."
+)
 
 EVERY_NS = 5 * 10**9
 """Between two entries, ns."""
@@ -48,7 +51,7 @@ EVERY_NS = 5 * 10**9
 GONE_S = 5.0
 """After so long without an answer from the disk the exposure ends, s: what is not on record stays bounded."""
 
-GONE = f"the disk did not answer for {GONE_S:g} s"
+GONE = f"the disk did not respond for {GONE_S:g} s"
 
 KILLED_NS = EVERY_NS + int(GONE_S * 1e9) + 500_000_000
 """A killed runner counts as playing its masker for so long after its last line, ns: without one it ends sooner."""
@@ -185,7 +188,7 @@ class Exposed:
             self.stream.check()
         if self._slow != (self.log.waiting_s > SLOW_S):
             self._slow = not self._slow
-            self._tell(SLOW if self._slow else "The disk answers again.")
+            self._tell(SLOW if self._slow else "The disk is responding again.")
 
     def record(self) -> None:
         """Put what nobody waits for on disk: what the masker did, and the exposure if that is due."""

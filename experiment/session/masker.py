@@ -68,7 +68,10 @@ class Masking:
         """
         criterion = wanted.criterion
         if probe is None:
-            criterion += " Nothing is played for that: have the participant touch it as in a trial, and listen."
+            criterion += (
+                " No vibration is played while the level is set: have the participant touch the object as in a "
+                "trial, and listen."
+            )
         self._rise(self.masker.start, begin_db_a or FIRST_DB_A)
         while not self._silenced:
             # The question is to state the level that is kept: a step up that is remembered comes before it.
@@ -92,13 +95,13 @@ class Masking:
 
     def _heard_at_limit(self, limit_db_a: float) -> bool:
         """Return whether the session goes on although the masker hides too little; that goes on record."""
-        told = f"The participant still hears what the masker is to hide, at {limit_db_a:.0f} dB(A), the limit."
-        asked = f"{told} It may not be louder. Go on all the same? To end instead, press no, then pause."
-        question = Agree(asked, "go on all the same; it goes on record", "no, set the level again")
+        told = f"The participant can still hear the sound to be masked at the limit of {limit_db_a:.0f} dB(A)."
+        asked = f"{told} The masker cannot be louder. Continue anyway? To stop instead, choose no, then pause."
+        question = Agree(asked, "continue anyway; this is recorded", "no, adjust the level again")
         if self.console.ask(question).key != YES:
             return False
         self.write(Note(trial=None, text=told))
-        self.console.tell(Notice(f"On record: {told}"))
+        self.console.tell(Notice(f"Recorded: {told}"))
         return True
 
     def change(self, key: str) -> bool:
@@ -122,7 +125,7 @@ class Masking:
         if key == LOUDER_KEY and not soon and level_db_a is not None:
             level_db_a = self._rise(self.masker.set_level, level_db_a + STEP_DB)
         self.record()
-        later = f": it rises once in {RISE_NS / 1e9:g} s, and will once more" if soon else ""
+        later = f": it can rise only once in {RISE_NS / 1e9:g} s; the next step follows" if soon else ""
         self.console.tell(Notice(self._in_words(level_db_a, later)))
         return True
 

@@ -31,8 +31,8 @@ LITTLE_BYTES = 500_000_000
 """Less free space than this on the dataset's disk is told, bytes."""
 
 REPORTS: Mapping[str, Question] = {
-    "report": Report("What does the participant report of the session, in their own words? Name no person."),
-    "payment": Report("What was paid, or handed out? Name no person."),
+    "report": Report("What does the participant report about the session, in their own words? Do not name anyone."),
+    "payment": Report("What was paid or given to the participant? Do not name anyone."),
 }
 """What is asked at the end of a visit, by its step: the text or the words of the choice go on record, if any."""
 
@@ -66,7 +66,7 @@ class Remarks:
                 if refused := _no_trial(remark, self.lent.log.done.header):
                     return False, refused
                 self.lent.log.write(entries.Note(trial=remark.trial, text=remark.text))
-                return True, "The note is on disk."
+                return True, "The note is saved."
             if isinstance(remark, TellIncident):
                 note, words = record_incident(self.lent.protocol, self._dataset, self.lent.log.done.header, remark)
                 if note is not None:
@@ -77,7 +77,7 @@ class Remarks:
             done = self.lent.log.done
             if isinstance(remark, Repeat) and done.armed is not None and done.armed[0] == remark.trial:
                 self.lent.limits.skip(remark.reason)
-                return True, f"Trial {remark.trial} is put off to the end of its block."
+                return True, f"Trial {remark.trial} is postponed to the end of its block."
             if remark.trial not in done.answered:
                 return False, f"Trial {remark.trial} has no answer that counts; nothing was changed."
             if isinstance(remark, Correct):
@@ -85,20 +85,20 @@ class Remarks:
             if self.lent.protocol.task(done.header.task).levels is not None:
                 return (
                     False,
-                    f"Trial {remark.trial} has an answer, from which later levels follow; correct that instead.",
+                    f"The answer to trial {remark.trial} determined later levels; correct the answer instead.",
                 )
             attempt = done.attempts[remark.trial]
             self.lent.log.write(entries.Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
-            return True, f"Trial {remark.trial} is done again; the answer that it had no longer counts."
+            return True, f"Trial {remark.trial} will be repeated; its earlier answer no longer counts."
 
     def _reveal(self) -> tuple[bool, str]:
         """Put on record that results are shown from now on, if the protocol allows it."""
         if not self.lent.protocol.answers.reveal:
             return False, "The protocol does not allow results to be shown during a session."
         if REVEALED not in self.lent.log.done.visited:
-            shown = "levels of tracks and answers by material are shown to the experimenter"
+            shown = "the levels of the tracks and the answers by material are shown to the experimenter"
             self.lent.log.write(entries.Visited(step=REVEALED, text=shown))
-        return True, "Levels and answers by material are shown from now on. This is on record."
+        return True, "Levels and answers by material are shown from now on. This is recorded."
 
     def ask_report(self) -> None:
         """Ask, at the end of a visit, for what was not asked or told yet."""
@@ -137,12 +137,12 @@ class Remarks:
         if asked.key not in answers:
             allowed = " ".join(answers)
             shown = characters.quoted(asked.key)
-            return False, f"{shown} does not stand for an answer; type one of {allowed}. Nothing was corrected."
+            return False, f"{shown} is not the key of an answer; type one of {allowed}. Nothing was corrected."
         answered = answers[asked.key]
         if answered == dict(done.said)[asked.trial]:
             return (
                 False,
-                f"The answer of trial {asked.trial} is {answered or 'no answer'} already. Nothing was corrected.",
+                f"The answer to trial {asked.trial} is already {answered or 'no answer'}. Nothing was corrected.",
             )
         self.lent.log.write(
             entries.Correction(
@@ -153,7 +153,7 @@ class Remarks:
                 reason=asked.reason,
             )
         )
-        return True, f"Trial {asked.trial}: the correction is on disk: {answered or 'no answer'}."
+        return True, f"Trial {asked.trial}: correction saved: {answered or 'no answer'}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,15 +234,15 @@ class Paused:
             protocol = files.load(protocol_path(self._dataset))
             note, words = record_incident(protocol, self._dataset, self._header, remark)
             if note is not None and not self._write(note):
-                words += " The journal can take no note of it now."
+                words += " It cannot be recorded in the journal now."
             return note is not None, words
         if not isinstance(remark, TakeNote):
-            return False, "The session is paused; go on with it, then ask again. Nothing was changed."
+            return False, "The session is paused, so nothing was changed. Continue the session, then try again."
         if refused := _no_trial(remark, self._header):
             return False, refused
         if not self._write(entries.Note(trial=remark.trial, text=remark.text)):
-            return False, "The session can take no note now. Keep it on paper, and see what palpate status says."
-        return True, "The note is on disk."
+            return False, "No note can be saved in this session now. Write it down on paper, then run palpate status."
+        return True, "The note is saved."
 
     def pause(self, why: str) -> None:
         """Do nothing: it is paused."""
@@ -280,15 +280,15 @@ def record_incident(
     """Put an incident into the roster; practice has none. Return its note, None if it was refused, and a reply."""
     if header.purpose not in ("STUDY", "PILOT"):
         text = f"{told.sort.capitalize()}: {told.text.rstrip('.')}. Done: {told.done}"
-        return entries.Note(trial=told.trial, text=text), "It is noted; practice has no roster."
+        return entries.Note(trial=told.trial, text=text), "The note is saved. Practice has no roster."
     incidents = import_module("palpate.experiment.study.people.incidents")
     try:
         made = incidents.report(protocol, dataset, told.sort, what=told.text, done=told.done)
     except RosterError as refused:
         return None, refused.sentence()
-    text = f"{made.kind} {made.number} of the roster"
+    text = f"{made.kind} {made.number} in the roster"
     inform = f"palpate incident PROTOCOL --number {made.number} --informed-on DAY"
-    words = f"Recorded as {text}. Once the board is informed: {inform}"
+    words = f"Recorded as {text}. After informing the board, run: {inform}"
     return entries.Note(trial=told.trial, text=f"{text[:1].upper()}{text[1:]}."), words
 
 

@@ -101,7 +101,7 @@ def usable_rig(protocol: Protocol, protocol_file: Path, rig_file: Path, today: d
     """Return a rig that may be used for participants of a study today. Raises `RigError`, or `PalpateError` for it."""
     rig = rigs.load(rig_file)
     if rig.rig.simulated:
-        rehearse = Remedy("name a rig file of real devices, or use {}", ("palpate", "rehearse", str(protocol_file)))
+        rehearse = Remedy("give a rig file for real devices, or use {}", ("palpate", "rehearse", str(protocol_file)))
         raise RigError(rig_file, "the rig is simulated", rehearse)
     if protocol.answers.mode != "oral":
         import_module("palpate.experiment.session.answering").check(protocol, rig)
@@ -128,8 +128,8 @@ def prepare(
     console.tell(
         Notice(
             f"Study {protocol.study.id}, protocol {seal.protocol_sha256[:12]}, approved from {seal.approved_on} to "
-            f"{seal.expires_on}: vibration at most {protocol.exposure.vibration_peak_m_s2:g} m/s^2. The number of the "
-            f"approval is {quoted(seal.approval_number)}."
+            f"{seal.expires_on}: vibration at most {protocol.exposure.vibration_peak_m_s2:g} m/s^2. Approval "
+            f"number: {quoted(seal.approval_number)}."
         )
     )
     asked_purpose: Purpose | None = "STUDY" if root is None else None
@@ -159,7 +159,7 @@ def prepare(
     for kind, own in {session_kind(one): kind_of(one.kind) for one in map(protocol.task, synthesised)}.items():
         recordings = kind.real_recordings(root, recordings, protocol)
         if (floor := own.floor_m_s2(protocol, participant)) is not None:
-            console.tell(Notice(f"Thresholds measured before: {participant} feels nothing below {floor:g} m/s^2."))
+            console.tell(Notice(f"Thresholds measured earlier: {participant} feels nothing below {floor:g} m/s^2."))
     _judge_rig(protocol, rig, rig_file, recordings, tasks, console)
     return _Visit(
         protocol_file=protocol_file,
@@ -216,8 +216,8 @@ class _Visit:
         noise = ""
         if rig.audio is None and planned.masker is not None:
             noise = (
-                f"{planned.masker.capitalize()} noise is played by other means than the rig, at no more than "
-                f"{protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: {protocol.masker.criterion}"
+                f"{planned.masker.capitalize()} noise is played by equipment outside the rig, at most "
+                f"{protocol.exposure.masker_level_db_a:g} dB(A), and meets this criterion: {protocol.masker.criterion}"
             )
         used = _keep_recordings(root, self.recordings) if planned.synthesis and self.recordings else None
         # Whoever runs the participant elsewhere is told of before anything is opened or asked.
@@ -265,14 +265,14 @@ class _Visit:
                 try:
                     self._update()
                 except PalpateError as unbuilt:
-                    ended.add_note(f"the dataset could not be brought up to date either: {unbuilt.sentence()}")
+                    ended.add_note(f"the dataset could not be updated either: {unbuilt.sentence()}")
                 raise
         if footer.reason == "complete" and task_id == tasks[-1] and protocol.answers.microphone:
             from palpate.experiment.desk.voice import enrolling
 
             enrolling.forget(enrolling.place(root, participant))
         if not self._update() and footer.reason == "complete":
-            console.tell(Notice("This session was complete already; nothing was added to it."))
+            console.tell(Notice("This session was already complete; nothing was added to it."))
         return footer
 
     def _update(self) -> bool:
@@ -288,18 +288,20 @@ class _Visit:
         """Have it confirmed, once, that the participant of the label is in the room. Raises `Interrupted` if not."""
         who = self.allocation.participant
         if self._identity is not None:
-            told = f"participant {who}, as the experimenter confirmed when this program began; not asked again"
+            told = f"participant {who}, as the experimenter confirmed when this program started; not asked again"
             self._identity = Visited(step="identity", text=told)
             return
         done = [task for task in self.allocation.tasks if _is_complete(self.root, who, task)]
-        consent = f"Consent is of {self.consent_on}. " if self.consent_on else ""
+        consent = f"Consent was given on {self.consent_on}. " if self.consent_on else ""
         so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
         kept = people.known(self.protocol, self.root).get(who)
         name = f", {kept.name}" if kept is not None and kept.name else ""
         text = f"Is the person in front of you participant {who}{name}? {consent}{so_far}"
-        if self.console.ask(Agree(text, "yes, go on", "no, leave")).key != YES:
-            remedy = "look up their label, and give it with --participant"
-            raise Interrupted(f"the person in front of you is not participant {who}; nothing was begun", remedy=remedy)
+        if self.console.ask(Agree(text, "yes, continue", "no, leave")).key != YES:
+            remedy = "look up the participant's label, and give it with --participant"
+            raise Interrupted(
+                f"the person in front of you is not participant {who}; nothing was started", remedy=remedy
+            )
         self._identity = Visited(step="identity", text=f"participant {who}, as the experimenter confirmed")
 
     def _admitted(self, task_id: str) -> Admission:
@@ -334,8 +336,8 @@ def _ask_criteria(root: Path, protocol: Protocol, participant: str, console: Con
         of = f"Criterion {number} of {len(criteria)}"
         text = f"{of}: {' '.join(criterion.split())} Does participant {participant} meet it?"
         if console.ask(Agree(text, "yes, they meet it", "no, or not known")).key != YES:
-            what = f"participant {participant} does not meet criterion {number}; nothing was begun or recorded"
-            remedy = "withdraw them with a reason that names no state of health, or ask again another day"
+            what = f"participant {participant} does not meet criterion {number}; nothing was started or recorded"
+            remedy = "withdraw the participant without recording a health reason, or ask again another day"
             raise RosterError(what, remedy=remedy)
     known = roster.Roster.continued(storage.roster_path(root))
     known.confirm(participant, criteria, day(wall_ns()))
@@ -345,7 +347,7 @@ def _ask_consent(root: Path, protocol_file: Path, protocol: Protocol, participan
     """Have the consent of an enrolled participant recorded who signed the form just now."""
     if not _lacks_consent(root, protocol, participant):
         return
-    text = f"No consent of participant {participant} is on record. Did they read the consent text and sign today?"
+    text = f"Participant {participant} has no recorded consent. Did they read the consent text and sign it today?"
     if console.ask(Agree(text, "yes, record today's consent", "no, leave")).key == YES:
         enrolment.consent(protocol_file, participant, day(wall_ns()), root=root)
 
@@ -356,8 +358,8 @@ def _ask_voices(root: Path, protocol_file: Path, protocol: Protocol, participant
     admitted = participant in known.consent_on and participant not in known.withdrawn
     if not protocol.consent.voice_recordings or not admitted or participant in known.voices:
         return
-    text = f"Does participant {participant} agree that the sound of their answers is kept? They take part either way."
-    agreed = console.ask(Agree(text, "yes, it may be kept", "no, nothing is kept")).key == YES
+    text = f"May recordings of participant {participant}'s answers be saved? The participant can take part either way."
+    agreed = console.ask(Agree(text, "yes, save them", "no, save none")).key == YES
     enrolment.voices(protocol_file, participant, agreed, root=root)
 
 
@@ -377,8 +379,8 @@ def _anchored_in(rig: Rig, rig_file: Path) -> tuple[Path, Path | None] | None:
     except RuntimeError as error:
         raise RigError(
             rig_file,
-            "anchors: got a path that begins with ~, and nobody's home folder is known here",
-            "write it out",
+            "anchors: got a path that begins with ~, but the home folder is unknown here",
+            "write the full path",
             allowed="a path without ~",
         ) from error
     return to, keys[0] if keys else None
@@ -397,8 +399,8 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
             again += ["--to", str(to), *(["--sign", str(key)] if key else [])]
             console.tell(Notice(register.enter(anchor, root, to, key)))
     except PalpateError as error:
-        mend = f"Once that is corrected, run: {shown(again)}"
-        console.tell(Notice(f"NOT ANCHORED: {error.sentence()}. The session is on disk. {mend}", again=True))
+        mend = f"Fix this problem, then run: {shown(again)}"
+        console.tell(Notice(f"NOT ANCHORED: {error.sentence()}. The session is saved. {mend}", again=True))
     return True
 
 
@@ -434,13 +436,13 @@ def _check_turn(root: Path, protocol_file: Path, allocation: Allocation, task_id
     who, tasks = allocation.participant, allocation.tasks
     if task_id not in tasks:
         raise RosterError(
-            f"participant {who} does not do task '{task_id}'", remedy="name one of these", allowed=", ".join(tasks)
+            f"participant {who} does not do task '{task_id}'", remedy="choose one of these", allowed=", ".join(tasks)
         )
     check_label(roster.Roster.load(storage.roster_path(root)), who, task_id)
     for earlier in tasks[: tasks.index(task_id)]:
         if not _is_over(root, protocol_file, allocation, earlier, today):
-            what = f"participant {who} does task '{earlier}' before '{task_id}'"
-            raise RosterError(what, remedy="run that one first")
+            what = f"participant {who} must complete task '{earlier}' before '{task_id}'"
+            raise RosterError(what, remedy=f"run '{earlier}' first")
 
 
 def _judge_rig(
@@ -480,7 +482,7 @@ def _wait_for_break(
             continue
         left_ns = int(protocol.task_order.break_min_s * 1e9) - exposure.since_ended_ns(before, clock)
         if left_ns > 0:
-            why = f"The break after task {other} lasts {minutes(protocol.task_order.break_min_s)} at least."
+            why = f"The break after task {other} lasts at least {minutes(protocol.task_order.break_min_s)}."
             console.attend(remarks.paused(root, before.header.participant, (), other, clock))
             try:
                 console.ask(Break(why, left_ns / 1e9))

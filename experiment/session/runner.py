@@ -88,7 +88,7 @@ def run(
         # Anybody may have withdrawn up to the moment at which this runner held them.
         said, who = any(isinstance(entry, entries.Withdrawal) for entry in contents.entries), header.participant
         if said or who in Roster.load(roster_path(dataset)).withdrawn:
-            raise JournalError(path, f"participant {who} withdrew and is not run again", "enrol another participant")
+            raise JournalError(path, f"participant {who} withdrew and cannot continue", "enrol another participant")
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
             journal.settle(path, contents)
@@ -129,10 +129,10 @@ def _check_same_session(path: Path, found: entries.Header, asked: entries.Header
         was, now = getattr(found, name), getattr(asked, name)
         if was != now:
             shown = "" if name == "order" else f" ({was} then, {now} now)"
-            remedy = "continue with the earlier one, or choose another dataset folder"
+            remedy = "continue with the original file, or choose another dataset folder"
             if name == "rig_sha256":
-                remedy = f"continue with {rig_path(path)}; a rig that was calibrated since is another apparatus"
-            raise JournalError(path, f"the session was begun with another {name}{shown}", remedy)
+                remedy = f"continue with {rig_path(path)}; a rig calibrated since then is a different apparatus"
+            raise JournalError(path, f"the session was started with a different {name}{shown}", remedy)
 
 
 def _times(names: Mapping[str, str], handled: Counter[str], how: str) -> str:
@@ -145,9 +145,9 @@ def _onward(done: Progress, stopped_on: date) -> str:
     """Return in a sentence where a session goes on, and which trials come again."""
     again = [str(planned.trial) for planned in done.remaining if planned.trial in done.put_off]
     *others, last = again or [""]
-    named = f"trials {', '.join(others)} and {last} come" if others else f"trial {last} comes"
-    told = f"This session goes on from {stopped_on}: {len(done.answered)} of {done.trials} trials are answered"
-    return f"{told}; {named} again at the end of {'their' if others else 'its'} block." if again else f"{told}."
+    named = f"trials {', '.join(others)} and {last} will be" if others else f"trial {last} will be"
+    told = f"This session continues from {stopped_on}: {len(done.answered)} of {done.trials} trials have been answered"
+    return f"{told}; {named} repeated at the end of {'their' if others else 'its'} block." if again else f"{told}."
 
 
 class SessionLog:
@@ -211,7 +211,7 @@ class SessionLog:
 
     def keep(self, raw: bytes) -> entries.Trace:
         if self._frames is None:
-            raise RuntimeError("no raw data are kept of this session")
+            raise RuntimeError("no raw data are stored for this session")
         made, path, file = self._frames
         offset = file.tell()
         try:
@@ -252,7 +252,7 @@ class _Session:
         session_min = protocol.exposure.session_min
         self._exposed = Exposed(
             ends_ns=devices.clock.now_ns() + int(session_min * 60e9) - self.spent_ns,
-            ended=f"the protocol's {session_min:g} min of a session are over",
+            ended=f"the session has reached the protocol's limit of {session_min:g} min",
             masking=self._masking,
             console=devices.console,
             clock=devices.clock,
@@ -332,10 +332,10 @@ class _Session:
         self._mask()
         if self._masking is None and self.noise and self.log.done.remaining:
             # That the noise plays is confirmed, and put on record.
-            text = f"{self.noise} Does it play?"
-            question = Agree(text, "yes, it plays, and that holds", "no, pause")
+            text = f"{self.noise} Is it playing?"
+            question = Agree(text, "yes, it is playing and meets the criterion", "no, pause")
             if self.devices.console.ask(question).key != YES:
-                raise PauseAsked("no noise masks the trials")
+                raise PauseAsked("no masking noise is playing")
             self.log.write(entries.Note(trial=None, text=f"The experimenter confirmed: {self.noise}"))
 
     def _mask(self) -> None:
@@ -403,7 +403,7 @@ class _Session:
         if self._attempts.undelivered >= MOST_UNDELIVERED:
             what = f"the stimulus was not delivered in {self._attempts.undelivered} attempts in a row"
         elif begun[trial] == MOST_ATTEMPTS:
-            what = f"trial {trial} was begun {MOST_ATTEMPTS} times"
+            what = f"trial {trial} was started {MOST_ATTEMPTS} times"
         else:
             return ""
         return Finding(what, remedy=Remedy("run {}, then resume", DOCTOR)).sentence()
@@ -413,13 +413,18 @@ class _Session:
         console, lost = self.devices.console, self._attempts.outage
         wait_s = min(self.devices.reconnect_s, math.ceil(self._exposed.left_s))
         self.log.write(entries.Phase(state=self._state, detail=lost))
-        console.tell(Notice(f"{lost}. The session waits for {wait_s:g} s, and goes on by itself; nothing is lost."))
+        console.tell(
+            Notice(
+                f"{lost}. The session continues automatically if the device returns within {wait_s:g} s. Nothing is "
+                "lost."
+            )
+        )
         console.tell(Silent())
         if pause := self._missing(wait_s):
             return pause
         self._follow(Event.FOUND)
         self.log.write(entries.Phase(state=self._state, detail="the device is back"))
-        console.tell(Notice("The device is back; the trial begins again."))
+        console.tell(Notice("The device is back. The trial starts again."))
         return ""
 
     def _missing(self, wait_s: float) -> str:
@@ -469,12 +474,14 @@ class _Session:
             self._exposed.begin(self._attempts.kind)
             back_ns = contents.lines[-1].t_ns - self.devices.clock.now_ns()
             if back_ns > 0 and not self.devices.clock.simulated:
-                text = f"The clock of this machine was set back by {minutes(back_ns / 1e9)} or more since the pause."
+                text = f"The clock of this computer was set back by at least {minutes(back_ns / 1e9)} since the pause."
                 self.log.write(entries.Note(trial=None, text=text))
-                self.devices.console.tell(Notice(f"{text} The tables bridge it; set it right before the next session."))
+                self.devices.console.tell(
+                    Notice(f"{text} The tables take this into account. Set the clock before the next session.")
+                )
             if torn:
                 self.devices.console.tell(
-                    Notice(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
+                    Notice(f"The last line of the journal was incomplete and was dropped: {torn[:60]!r}")
                 )
             for cut, when in (
                 (done.unanswered, "before the answer"),
@@ -535,7 +542,7 @@ class _Session:
                 continue
             if lasted_s >= wanted.min_s:
                 break
-            asked = f"{wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
-            self.devices.console.tell(Notice(f"It is too early to go on: the protocol asks for {asked}."))
+            asked = f"{wanted.min_s:.0f} s of familiarization; {lasted_s:.0f} s have passed"
+            self.devices.console.tell(Notice(f"It is too early to continue; the protocol requires {asked}."))
         told = _times(names, handled, "felt" if kind.samples else "handled")
         self.log.write(entries.Phase(state=FAMILIARISED, detail=f"{lasted_s:.1f} s{told}"))

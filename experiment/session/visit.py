@@ -9,7 +9,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.study.schedule import Allocation
 
-BETWEEN = "The visit is paused; no session is under way."
+BETWEEN = "The visit is paused; no session is running."
 """What is said of a pause at a question before a session, or in the break."""
 
 Noting = Callable[[str], Attended | None]
@@ -62,7 +62,7 @@ def tell_group(console: Console, protocol: Protocol, allocation: Allocation) -> 
     """Tell of the group into which a participant was drawn, in a study with groups."""
     for group in getattr(protocol, "groups", ()):
         if group.id == allocation.group:
-            console.tell(Notice(f"Group of {allocation.participant}: {group.id}. {group.description}"))
+            console.tell(Notice(f"Group for {allocation.participant}: {group.id}. {group.description}"))
 
 
 def ask_first(console: Console, ask: Callable[[], None]) -> None:
@@ -83,11 +83,11 @@ def visit_steps(tasks: Sequence[str]) -> tuple[str, ...]:
 def ending_words(footer: Footer, *, onward: bool = True, last: bool = False) -> str:
     """Return in sentences how a session ended, and, if `onward`, how it goes on; it may be the `last` of a visit."""
     if footer.reason == "complete":
-        return f"The session is complete: {footer.answered} answers.{' The visit is done.' if last else ''}"
+        return f"The session is complete: {footer.answered} answers.{' The visit is complete.' if last else ''}"
     how = f" {footer.detail}" if footer.detail.startswith("by ") else ""
     why = "" if how else f": {footer.detail.replace('interrupted', 'it was interrupted')}"
     kept = f"{footer.answered} answer{'' if footer.answered == 1 else 's'} on disk"
     # Nothing goes on where all of the protocol's minutes are used up.
     goes_on = onward and not footer.detail.endswith("session are over")
-    again = " The same command goes on with it." if goes_on else ""
+    again = " To continue it, run the same command." if goes_on else ""
     return f"The session is {footer.reason}{how}, with {kept}{why}.{again}"

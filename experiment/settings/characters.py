@@ -168,5 +168,5 @@ def _alphabet(character: str) -> str:
 
 def _refuse_characters(text: str, refused: tuple[str, ...]) -> str:
     if refused:
-        raise ValueError(f"holds {', '.join(map(code, refused))}")
+        raise ValueError(f"contains {', '.join(map(code, refused))}")
     return text

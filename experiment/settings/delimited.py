@@ -36,11 +36,11 @@ CODE_PAGES = {"cp1252": "Western Europe", "cp1250": "Central Europe", "cp1251": 
 """Encodings that a refusal names, with where they are usual."""
 
 FOREIGN = {
-    **{b"\x80" + bytes([protocol]): "a pickle, as a psydat file is, which would run code of its own once it is opened"
+    **{b"\x80" + bytes([protocol]): "a pickle (such as a psydat file), which could run code when opened"
        for protocol in (2, 3, 4, 5)},
     b"\x1f\x8b": "a compressed file (gzip)",
     b"PK\x03\x04": "a spreadsheet or an archive (zip)",
-    b"\xd0\xcf\x11\xe0": "a file of an old Excel or Word",
+    b"\xd0\xcf\x11\xe0": "a file from an old version of Excel or Word",
     b"SQLite format": "a database (SQLite)",
     b"%PDF": "a PDF",
     b"    -1\n": "a universal file (UFF)",
@@ -53,9 +53,9 @@ COMMENT_SIGN = re.compile(r"\A\s*(?:#+|%+|//+|;+)\s?")
 
 _MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
           codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}  # fmt: skip
-_NAMES = {"utf-8": "UTF-8", "utf-8-sig": "UTF-8 with a mark", "utf-16": "UTF-16", "utf-32": "UTF-32",
-          "utf-16-le": "UTF-16 without a mark", "utf-16-be": "UTF-16 without a mark"}  # fmt: skip
-_WORDS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", "": "blanks"}
+_NAMES = {"utf-8": "UTF-8", "utf-8-sig": "UTF-8 with a byte-order mark", "utf-16": "UTF-16", "utf-32": "UTF-32",
+          "utf-16-le": "UTF-16 without a byte-order mark", "utf-16-be": "UTF-16 without a byte-order mark"}  # fmt: skip
+_WORDS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", "": "spaces"}
 _MARK_OF_LINE = re.compile("(?:^|(?<=[\r\n]))\ufeff")
 """The mark of a file; files that were joined have one where each of them begins."""
 
@@ -96,7 +96,7 @@ class Stated:
         if self.decimal not in (None, ".", ","):
             raise PalpateError("--decimal", f"got {self.decimal!r}", "choose one of them", allowed="a point, a comma")
         if self.rate_hz is not None and not 0 < self.rate_hz < inf:
-            raise PalpateError("--rate", f"got {self.rate_hz} Hz", "state another", allowed="a rate above 0")
+            raise PalpateError("--rate", f"got {self.rate_hz} Hz", "choose another rate", allowed="a rate above 0")
 
     def remedy(self, words: str, *options: str) -> Remedy | str:
         """Return what to do: these words, and the command with the options that are missing."""
@@ -136,10 +136,10 @@ class Understood:
         """Return it for a reader, in one line."""
         decimal = {".": ", decimal points", ",": ", decimal commas", "": ""}[self.decimal]
         lines = ", ".join(map(str, self.heading_lines[:HEADINGS])).rpartition(", ")
-        headings = f"headings in line {' and '.join(filter(None, lines[::2]))}" if self.heading_lines else "no headings"
+        headings = f"headings on line {' and '.join(filter(None, lines[::2]))}" if self.heading_lines else "no headings"
         section = f"section {self.section!r}, " if self.section else ""
         return (
-            f"{section}read as {self.encoding}, cells between {_WORDS[self.delimiter]}{decimal}; {headings}; "
+            f"{section}read as {self.encoding}, cells separated by {_WORDS[self.delimiter]}{decimal}; {headings}; "
             f"{self.rows} rows from line {self.first_line}"
         )
 
@@ -196,7 +196,7 @@ def content(path: Path, most: int = LARGEST) -> bytes:
         raise PalpateError(
             path,
             f"cannot be read ({storage.why(error)})",
-            "cut it, or name another file" if large else "name another file",
+            "shorten it, or choose another file" if large else "choose another file",
             allowed=f"a text file of at most {most // 2**20} MiB",
         ) from error
 
@@ -205,22 +205,22 @@ def decoded(data: bytes, where: Path | str, stated: Stated = NOTHING_STATED) -> 
     """Return the text of a file, and the name of its encoding. Raises `PalpateError` where that is not known."""
     for mark, what in FOREIGN.items():
         if data.startswith(mark):
-            remedy = "export it as CSV with the program that wrote it"
+            remedy = "export it as CSV from the program that wrote it"
             raise PalpateError(where, f"got {what}", remedy, allowed="text, such as CSV")
     encoding = stated.encoding or _encoding(data)
     try:
         text = data.decode(encoding)
     except LookupError:
         raise PalpateError(
-            where, f"got the encoding {encoding!r}", "name another one", allowed=f"UTF-8, UTF-16, {_code_pages()}"
+            where, f"got the encoding {encoding!r}", "choose another one", allowed=f"UTF-8, UTF-16, {_code_pages()}"
         ) from None
     except UnicodeDecodeError as error:
         at = data.count(b"\n", 0, error.start) + 1
         raise PalpateError(
             where,
             f"got the byte 0x{data[error.start]:02x}, which is not {_NAMES.get(encoding, encoding)}",
-            stated.remedy("state the code page that the file has", "--encoding", _other_code_page(encoding)),
-            allowed=f"UTF-8, UTF-16 or a code page that is stated: {_code_pages()}",
+            stated.remedy("give the file's code page", "--encoding", _other_code_page(encoding)),
+            allowed=f"UTF-8, UTF-16, or a code page that you give: {_code_pages()}",
             line=at,
         ) from None
     # Both are looked for first: to try such a pattern everywhere takes twenty times as long as to read the numbers.
@@ -228,9 +228,9 @@ def decoded(data: bytes, where: Path | str, stated: Stated = NOTHING_STATED) -> 
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise PalpateError(where, "got U+0000, a zero byte", "export it as text", allowed="text", line=line)
-    without = ", without zero bytes at ends of lines" if zeros else ""
+    without = ", without zero bytes at line endings" if zeros else ""
     text = _MARK_OF_LINE.sub("", text) if "\ufeff" in text else text
-    return text, _NAMES.get(encoding, f"{encoding}, as stated") + without
+    return text, _NAMES.get(encoding, f"{encoding}, as you stated") + without
 
 
 def _encoding(data: bytes) -> str:
@@ -405,7 +405,7 @@ def unclear_decimal(where: Path | str, stated: Stated, likely: str | None = None
     """Return the error for numbers such as 1,234, which are thousands in one country and decimals in another."""
     return PalpateError(
         where,
-        "got numbers with one sign before three digits, which may part thousands or decimals",
-        stated.remedy("state the decimal sign", "--decimal", likely or ","),
-        allowed="a number that shows which, or the decimal sign",
+        "got numbers such as 1,234, where the sign may separate thousands or decimals",
+        stated.remedy("give the decimal separator", "--decimal", likely or ","),
+        allowed="a number that makes this clear, or the decimal separator",
     )

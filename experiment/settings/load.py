@@ -56,21 +56,19 @@ Label = Annotated[
     str,
     Field(
         pattern=r"^[a-z][a-z0-9]{0,31}$",
-        description="up to 32 lower-case letters and digits, a letter first (it names files)",
+        description="up to 32 lowercase letters and digits, starting with a letter (it becomes part of file names)",
     ),
 ]
 Name = Annotated[
     str,
     Field(
         pattern=r"^[\p{L}\p{N}]([^\p{Cc}]{0,38}[^\s\p{Cc}])?$",
-        description="one line of 1 to 40 characters, a letter or digit first, no blank last, without double quotes "
-        f"or letters that run from right to left, {VISIBLE}",
+        description="one line of 1 to 40 characters that starts with a letter or digit, does not end with a space, "
+        f"and contains no double quotes or right-to-left letters; {VISIBLE}",
     ),
     AfterValidator(characters.naming),
 ]
-Key = Annotated[
-    str, Field(pattern=r"^[!-@\[-~]$", description="one ASCII character, neither a capital letter nor a blank")
-]
+Key = Annotated[str, Field(pattern=r"^[!-@\[-~]$", description="one ASCII character, but no capital letter or space")]
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ def toml(value: str | date) -> str:
 
 def driver_key(*known: str) -> Any:
     """Return what a key `driver` may be: one of palpate's, or a lab's own."""
-    allowed = f"{', '.join(known)}, or package.module:Class of a driver of your own"
+    allowed = f"{', '.join(known)}, or package.module:Class for your own driver"
     return Field(pattern=rf"^({'|'.join(known)}|[A-Za-z_][\w.]*:[A-Za-z_]\w*)$", description=allowed)
 
 
@@ -122,7 +120,7 @@ def port_rules(table: Any) -> Iterator[Broken]:
     address = table.get("address")
     if isinstance(address, str) and ":" not in str(table.get("driver")):
         if (found := ADDRESS.fullmatch(address)) is None:
-            yield Broken(("address",), "host:port, such as 127.0.0.1:4711, a port of its own for each server")
+            yield Broken(("address",), "host:port, such as 127.0.0.1:4711, with a separate port for each server")
         elif found[2] and not 1 <= int(found[2]) <= 65535:
             yield Broken(("address",), "host:port with a port from 1 to 65535")
 
@@ -208,7 +206,7 @@ def _read(file: _File, model: type[Model]) -> Model:
     if too_young := tuple(younger(settings, number := document.get("format", 0))):
         lines = locate(file.text)
         newest = max(get_args(model.model_fields["format"].annotation))
-        allowed = f"no such key in a file of format {number}; leave it out, or write format = {newest}"
+        allowed = f"no such key in format {number}; leave it out, or write format = {newest}"
         problems = [mismatch(written(place), lines[place], "a key", allowed) for place in too_young if place in lines]
         if problems:
             raise ProtocolError.in_file(file.path, problems)
@@ -249,7 +247,7 @@ def _text(path: Path, most: int) -> str:
         raise ProtocolError.in_file(path, [mismatch("file", None, "no such file", _existing(path))]) from error
     except OSError as error:
         got = f"a file that cannot be read ({error.strerror})"
-        raise ProtocolError.in_file(path, [mismatch("file", None, got, "a TOML file that you may read")]) from error
+        raise ProtocolError.in_file(path, [mismatch("file", None, got, "a readable TOML file")]) from error
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -275,7 +273,7 @@ def _existing(path: Path) -> str:
     return f"the path of a TOML file{suggestion}"
 
 
-_NO_DEEPER = f"at most {storage.DEEPEST} of them, and whole numbers of 64 bits; mend this first"
+_NO_DEEPER = f"at most {storage.DEEPEST} levels, and 64-bit whole numbers; fix this first"
 
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{3 * storage.DEEPEST}}}")
 """A key of so many parts: `tomllib` takes time by the square of their number, seconds for some thousands."""
@@ -298,7 +296,7 @@ def _document(path: Path, text: str) -> dict[str, Any]:
             column = int(place[2]) if place[2] else len(lines[-1]) + 1
         got = f"'{lines[line - 1].strip()[:60]}'" if line else "text that cannot be parsed"
         where = f"column {column}" if column else "file"
-        raise ProtocolError.in_file(path, [mismatch(where, line, got, f"TOML; {message}; mend this first")]) from error
+        raise ProtocolError.in_file(path, [mismatch(where, line, got, f"TOML; {message}; fix this first")]) from error
 
 
 def _frozen(value: Any) -> Any:

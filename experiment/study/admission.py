@@ -33,14 +33,18 @@ def check_label(roster: Roster, who: str, task: str) -> None:
     """Raise `RosterError` where a participant's session of a task is under another's label, or another's is theirs."""
     if (label := roster.label_of(who, task)) != who:
         person = roster.took_part.get((who, task), who)
-        whose = f"that of participant {person} is under the label" if label is None else f"theirs is under {label}, not"
-        what = f"participant {who} has no session of task '{task}' to run: {whose} {who}, as the roster says"
-        remedy: Remedy | str = "leave it as it is, begun or complete, and name another task"
+        whose = (
+            f"participant {person} did the session under label"
+            if label is None
+            else (f"their own session is under {label}, not")
+        )
+        what = f"participant {who} has no session of task '{task}' to run: {whose} {who}, according to the roster"
+        remedy: Remedy | str = "leave that session as it is, and give another task"
         if label is None:
-            reason = "another took part under this label"
+            reason = "another person took part under this label"
             words = (
-                "have them do it under a new label: {}, then run palpate enrol; palpate incident with --took-part "
-                "moves sessions of their own to it"
+                "let them do it under a new label: {}, then run palpate enrol, then palpate incident with "
+                "--took-part to move their own sessions to that label"
             )
             remedy = Remedy(words, ("palpate", "withdraw", "PROTOCOL", "-p", who, "--reason", reason), suffices=False)
         raise RosterError(what, remedy=remedy)
@@ -83,10 +87,10 @@ def admit(
     check_label(roster, who, task_id)
     wanted = approval_for(root, allocation, task_id, all_approvals, on)
     if wanted is None:
-        what = f"participant {who} does not continue task '{task_id}': an amendment ended the sessions under way"
+        what = f"participant {who} cannot continue task '{task_id}': an amendment ended all sessions in progress"
         later = allocation.tasks[allocation.tasks.index(task_id) + 1 :]
         left = any(approval_for(root, allocation, task, all_approvals, on) for task in later)
-        remedy = "leave out --task, and the next task is run" if left else "no task is left for them"
+        remedy = "leave out --task to run the next task" if left else "this participant has no tasks left"
         raise RosterError(what, remedy=remedy)
     run = ("palpate", "run", "-p", who, *given)
     enrolment.check_version(root, protocol, wanted, run)
@@ -94,18 +98,18 @@ def admit(
         raise _other_seal(root, protocol_file, wanted, all_approvals, run)
     if on > wanted.expires_on:
         what = f"approval {wanted.number}, which covers participant {who}, expired on {wanted.expires_on}"
-        raise RosterError(what, remedy="ask the board to renew it, or to decide how they finish")
+        raise RosterError(what, remedy="ask the board to renew it, or ask how this participant may finish")
     first_day = all_approvals.approved[0].approved_on
     roster.may_run(who, protocol, approved_on=min(first_day, wanted.approved_on), today=today)
     consented = roster.consented.get(who)
     if protocol.consent.required and (consented or 0) < all_approvals.consent_needed(wanted.number):
         given = ("--participant", who, "--consent-on", "DAY", "--dataset", str(root))
         again = Remedy(
-            "have them read and sign the new consent text, then run {}",
+            "ask them to read and sign the new consent text, then run {}",
             ("palpate", "consent", str(protocol_file), *given),
             suffices=False,
         )
-        what = f"participant {who} consented to an earlier version, and the board wants consent to this one"
+        what = f"participant {who} consented to an earlier version, but the board requires consent to this one"
         raise RosterError(what, remedy=again)
     consent = all_approvals.approved[consented - 1].protocol_sha256 if consented else None
     return Admission(roster, wanted, consent)
@@ -116,10 +120,10 @@ def _other_seal(
 ) -> RosterError:
     """Return the error of a seal that is not the one that covers a participant: a renewal to record, or an old one."""
     found = approvals.seal_sha256(protocol_file)
-    what = f"the seal beside this protocol is not that of approval {wanted.number} in {root}"
+    what = f"this protocol's seal does not match approval {wanted.number} in {root}"
     if found in {one.seal_sha256 for one in known.approved}:
         right = str(storage.protocol_path(root, wanted.number))
-        remedy = Remedy("use the renewed one: {}", (*run[:2], right, *run[2:], "--dataset", str(root)))
+        remedy = Remedy("use the renewed approval: {}", (*run[:2], right, *run[2:], "--dataset", str(root)))
     else:
         amend = ("palpate", "amend", str(protocol_file), "--dataset", str(root))
         remedy = Remedy("if the board renewed the approval, record that first: {}", amend, suffices=False)

@@ -54,23 +54,26 @@ def plan_approval(
     sha256, last = approvals.seal_sha256(protocol_file), known.approved[-1]
     for one in known.approved:
         if one.seal_sha256 == sha256:
-            what = f"the seal beside it is that of approval {one.number}, which is on record"
-            sealed = approval.seal_again(protocol_file, "record the board's new approval first: {}", "--replace")
+            what = f"its seal is already on record as approval {one.number}"
+            sealed = approval.seal_again(protocol_file, "seal the board's new approval first: {}", "--replace")
             raise RosterError(protocol_file, what, sealed)
     renewal = known.version_of(approval.sha256(protocol)) is not None
     if renewal and last.seal_sha256 is None:
-        raise RosterError("no session has begun, so this seal needs no record", remedy="begin the first session")
+        raise RosterError("no session has begun, so this seal need not be recorded", remedy="begin the first session")
     today = roster.known_day(day(wall_ns()))
     if seal.expires_on < today:
-        what = f"the approval of the seal beside it ended on {seal.expires_on}, before today ({today})"
-        words = "seal the one that the board gave for longer: {}"
+        what = f"the approval in its seal ended on {seal.expires_on}, before today ({today})"
+        words = "seal the board's renewed approval: {}"
         raise RosterError(protocol_file, what, approval.seal_again(protocol_file, words, "--replace"))
     begins = from_on or max(today, seal.approved_on, last.from_on if last.number > 1 else today)
     if not max(today, seal.approved_on) <= begins <= seal.expires_on:
-        what, allowed = f"got {begins} as its first day", f"{max(today, seal.approved_on)} to {seal.expires_on}"
-        raise RosterError(what, allowed=allowed, remedy="sessions before today are under the earlier approval")
+        what, allowed = (
+            f"got {begins} as the first day of the amendment",
+            f"{max(today, seal.approved_on)} to {seal.expires_on}",
+        )
+        raise RosterError(what, allowed=allowed, remedy="earlier sessions belong to the earlier approval")
     if renewal and (in_progress or reconsent is not None):
-        what = "got --in-progress or --reconsent for a renewal, which changes nothing in the protocol"
+        what = "got --in-progress or --reconsent for a renewal, which does not change the protocol"
         raise RosterError(what, remedy="leave them out")
     if not renewal:
         _refuse_other_study(root, protocol_file, roster, latest(root, known), protocol)
@@ -154,18 +157,18 @@ def _refuse_other_study(root: Path, protocol_file: Path, roster: Roster, old: Pr
             ("ids of materials", [one.id for one in old.materials], [one.id for one in new.materials]),
             ("materials of a task", _materials_of_tasks(old), _materials_of_tasks(new)),
             ("ids of groups", _groups(old), _groups(new)),
-            ("number of digits of labels", len(labels(old)[0]), len(labels(new)[0])),
+            ("number of digits in labels", len(labels(old)[0]), len(labels(new)[0])),
         )
         if was != now
     ]
     if told:
-        what = f"the versions differ in: {', '.join(told)}. Labels, orders or tables could not be continued"
-        raise DatasetError(protocol_file, what, "give such a version an id of its own, and begin a dataset of its own")
+        what = f"the versions differ in: {', '.join(told)}. existing labels, orders or tables could not be continued"
+        raise DatasetError(protocol_file, what, "give this version a new study.id, and start a new dataset for it")
     seed = enrolment.seed_of(root)
     tasks = [{one.participant: one.tasks for one in allocated(version, seed, roster.takes)} for version in (old, new)]
     for who in roster.consent_on:
         if tasks[0].get(who) != tasks[1].get(who):
-            what = f"participant {who} would do other tasks, or in another order, than was drawn when they enrolled"
+            what = f"participant {who} would get different tasks or a different order from those drawn at enrollment"
             raise DatasetError(protocol_file, what, "leave task_order and the participants of tasks as they were")
 
 

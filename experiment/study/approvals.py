@@ -176,6 +176,6 @@ def stopped_error(stop: Stopped) -> RosterError:
     """Return the error of a study whose approval is suspended or has ended."""
     what = f"the board {'ended' if stop.kind == 'ended' else 'suspended'} this study on {stop.from_on} ({stop.reason})"
     lift = ("palpate", "amend", "PROTOCOL", "--lifted-on", "DAY", "--reason", "REASON")
-    words = "nothing runs until the board lifts that; then record it: {}"
-    remedy = "nothing more runs" if stop.kind == "ended" else Remedy(words, lift, suffices=False)
+    words = "run no sessions until the board lifts the suspension, then record that: {}"
+    remedy = "no further sessions are possible" if stop.kind == "ended" else Remedy(words, lift, suffices=False)
     return RosterError(what, remedy=remedy)

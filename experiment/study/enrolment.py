@@ -44,14 +44,14 @@ def seed_of(root: Path) -> int:
     """
     settled, known = read_settled(root), Roster.load(storage.roster_path(root))
     if settled.salt and known.consent_on and known.seed_sha256 is None:
-        what = "lacks the seed's hash in the line of the first participant: it was cut or changed"
+        what = "has no hash of the seed in the first participant's line: the roster was truncated or edited"
         raise DatasetError(known.path, what, "restore it from a backup")
     unlike = known.seed_sha256 != settled.sha256 if settled.salt else not storage.journals(root)
     if known.seed_sha256 is not None and unlike:
         raise DatasetError(
             storage.seed_path(root),
-            "is not the seed that was drawn before the first participant enrolled: their line of the roster has the "
-            "hash of another",
+            "is not the seed that was drawn before the first participant enrolled: the roster has the hash of a "
+            "different seed",
             "restore the file from a backup",
         )
     return settled.seed
@@ -89,9 +89,9 @@ def read_settled(root: Path) -> Settled:
         return Settled.model_validate_json(storage.read_bytes(file))
     except (OSError, ValidationError) as error:
         content = f'{{"format": {storage.DATASET_FORMAT}, "seed": ..., "purpose": "..."}}'
-        anew = [f"write {content} with those in line 1 of {path}" for path in storage.journals(root)[:1]]
+        anew = [f"write {content} with the values from line 1 of {path}" for path in storage.journals(root)[:1]]
         remedy = ", or ".join(["restore the file from a backup", *anew])
-        raise DatasetError(file, "seed and purpose of the study cannot be read", remedy) from error
+        raise DatasetError(file, "the seed and purpose of the study cannot be read", remedy) from error
 
 
 def approved_on(root: Path, protocol_file: Path) -> date | None:
@@ -112,7 +112,7 @@ def check_version(root: Path, protocol: Protocol, wanted: Approved, command: tup
         raise DatasetError(
             root,
             f"got protocol version {approval.sha256(protocol)[:12]}, which approval {wanted.number} does not cover",
-            Remedy("use the version that it covers: {}", (program, name, right, *given, "--dataset", str(root))),
+            Remedy("use the approved version: {}", (program, name, right, *given, "--dataset", str(root))),
             allowed=f"version {wanted.protocol_sha256[:12]}",
         )
 
@@ -154,7 +154,7 @@ def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | 
     Raises `RosterError` if the protocol keeps none or the participant is not active, `SessionLocked` during a session.
     """
     if not files.load(protocol_file).consent.voice_recordings:
-        what, remedy = "got consent.voice_recordings = false", "this study keeps no sound, and asks nobody"
+        what, remedy = "got consent.voice_recordings = false", "leave this out: this study stores no sound"
         raise RosterError(protocol_file, what, remedy, allowed="true")
     root = study_begun(protocol_file, root)
     path = storage.roster_path(root)
@@ -181,7 +181,7 @@ def study_begun(protocol_file: Path, root: Path | None) -> Path:
     roster = storage.roster_path(root)
     begun = (storage.protocol_path(root), storage.seed_path(root), roster, chain.head_path(roster))
     if not any(path.exists() for path in begun):
-        first = Remedy("give its folder with --dataset, or begin one: {}", ("palpate", "enrol", str(protocol_file)))
+        first = Remedy("give its folder with --dataset, or start one: {}", ("palpate", "enrol", str(protocol_file)))
         raise RosterError(f"the folder {root} has no dataset of this study", remedy=first)
     return root
 
@@ -191,11 +191,11 @@ def refuse_rehearsal(root: Path) -> None:
     if storage.plan_path(root).exists():
         raise DatasetError(
             root,
-            "this is the dataset of practice or of a rehearsal, and its participants are simulated: nobody enrols, "
+            "this is a practice or rehearsal dataset with simulated participants: nobody enrolls, "
             "consents or withdraws",
             Remedy(
-                "name the folder of a study with --dataset, delete this one if it is not needed, or try these commands "
-                "in a pilot, which is no data of the study",
+                "give the folder of a study with --dataset, delete this one if not needed, or try these commands "
+                "in a pilot, which is not study data",
                 ("palpate", "enrol", "PROTOCOL", "--participant", "01", "--pilot"),
                 suffices=False,
             ),
@@ -211,7 +211,7 @@ def settling(
     if not kept.exists() and any(
         _of_something_else(path.relative_to(root), protocol.companions) for path in root.rglob("*")
     ):
-        raise DatasetError(root, "this folder holds something else", "choose another folder with --dataset")
+        raise DatasetError(root, "this folder contains something else", "choose another folder with --dataset")
     with storage.locked(root / "sourcedata" / LOCK):
         if not kept.exists():
             storage.people_folder(root)
@@ -233,10 +233,10 @@ def seed_for(root: Path, protocol_file: Path, protocol: Protocol, seed: int | No
     check_known(root, protocol_file, protocol)
     drawn = seed_of(root)
     if purpose not in (None, begun_as := purpose_of(root)):
-        what = f"this dataset was begun as a {begun_as}, not as a {purpose}"
-        raise DatasetError(root, what, "name another folder with --dataset, and a pilot with --pilot")
+        what = f"this dataset was started as a {begun_as}, not as a {purpose}"
+        raise DatasetError(root, what, "give a different folder with --dataset; for a pilot, add --pilot")
     if seed not in (None, drawn):
-        raise DatasetError(root, f"the study has another seed than {seed}", "leave out --seed")
+        raise DatasetError(root, f"the study's seed is not {seed}", "leave out --seed")
     return drawn
 
 
@@ -275,12 +275,12 @@ def _other_version(root: Path, protocol_file: Path) -> DatasetError:
     known = Roster.load(storage.roster_path(root)).approvals(approvals.read_first(root))
     own = storage.protocol_path(root, known.version_on(date.max))
     words = (
-        "if the board approved this version for the study under way, seal it, then run {}; if not, use the study's "
-        f"version ({own}), or give this one an id of its own"
+        "if the board approved this version for the current study, seal it, then run {}; if not, use the study's "
+        f"version ({own}), or give this version a new study.id"
     )
     amend = ("palpate", "amend", str(protocol_file), "--dataset", str(root))
     remedy = Remedy(words, amend, suffices=False)
-    return DatasetError(root, "the study was begun with another version of the protocol", remedy)
+    return DatasetError(root, "the study began with a different version of the protocol", remedy)
 
 
 def _is_version(root: Path, protocol: Protocol) -> bool:

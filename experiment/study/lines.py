@@ -47,7 +47,7 @@ class Incident(Entry):
     @property
     def sentence(self) -> str:
         """All of it in words."""
-        board = f"board informed on {self.informed_on}" if self.informed_on else "the board is not informed yet"
+        board = f"board informed on {self.informed_on}" if self.informed_on else "board not yet informed"
         what = f"{self.what.rstrip('.')}. Done: {self.done}"
         return f"{self.kind.capitalize()} {self.number}, {self.happened_on}: {what} ({board})"
 

@@ -14,7 +14,7 @@ from palpate.experiment.protocol import files
 def to_close(dataset: Path) -> str:
     """Return what to do where others can read."""
     command = f"chmod -R go-rwx {shlex.quote(str(dataset))}"
-    return f"take that from them ({command}), or use a file system that has modes or is mounted for you alone"
+    return f"remove their access ({command}), or use a file system that has permissions or is mounted only for you"
 
 
 def readable_by_others(dataset: Path) -> tuple[Path, ...]:
@@ -41,7 +41,7 @@ def _is_open(path: Path, bits: int) -> bool:
 def readers_warning(dataset: Path) -> str:
     """Return in words what `readable_by_others` found, and what to do; empty for nothing."""
     shown = ", ".join(map(str, readable_by_others(dataset)))
-    return f"Others on this machine can read {shown}; {to_close(dataset)}." if shown else ""
+    return f"Other users of this computer can read {shown}; {to_close(dataset)}." if shown else ""
 
 
 _KNOWN = re.compile(

@@ -221,7 +221,9 @@ class Roster:
             if link.sha256 == sha256:
                 return self._replay(self.path, Chain(self.lines.links[:number]))
         raise RosterError(
-            self.path, "lacks a line that a session began under: it was cut or changed", "restore it from a backup"
+            self.path,
+            "is missing a line that a session depends on: the roster was truncated or edited",
+            "restore it from a backup",
         )
 
     @classmethod
@@ -350,17 +352,17 @@ class Roster:
             raise RosterError(f"participant {participant} is not enrolled in {self.path}", remedy="enrol them first")
         if participant in self.withdrawn:
             raise RosterError(
-                f"participant {participant} withdrew ({self.withdrawn[participant]}) and is not run again",
+                f"participant {participant} withdrew ({self.withdrawn[participant]}) and can no longer take part",
                 remedy="enrol another participant",
             )
         consent_on = self.consent_on[participant]
         if protocol.consent.required and consent_on is None:
             raise RosterError(
-                f"participant {participant} has not consented", remedy="record their consent before the session"
+                f"participant {participant} has not consented", remedy="record consent before the session"
             )
         if not self.is_confirmed(participant, protocol):
-            what = f"it is not confirmed that participant {participant} meets the criteria"
-            raise RosterError(what, remedy="palpate run asks for each before the session")
+            what = f"the eligibility of participant {participant} has not been confirmed"
+            raise RosterError(what, remedy="palpate run asks about each criterion before the session")
         check_consent(participant, consent_on, approved_on=approved_on, today=today)
 
     @classmethod
@@ -376,7 +378,7 @@ class Roster:
             try:
                 roster._apply(_ENTRY.validate_json(link.json))
             except (ValidationError, RosterError) as error:
-                inner = error.finding if isinstance(error, RosterError) else Finding("this is no roster entry")
+                inner = error.finding if isinstance(error, RosterError) else Finding("this is not a roster entry")
                 remedy = "restore the roster from a backup (nothing was changed)"
                 raise RosterError.at(replace(inner, where=path, line=number, remedy=remedy)) from error
         return roster
@@ -388,7 +390,7 @@ class Roster:
         except ValidationError as error:
             raise RosterError(
                 f"got the reason {quoted(str(facts.get('reason')))}",
-                remedy="give it again in one such line",
+                remedy="give it again in this form",
                 allowed=f"one line of 1 to 200 characters, {VISIBLE}",
             ) from error
         with self._writing():
@@ -401,8 +403,8 @@ class Roster:
                 except ValueError as error:
                     raise RosterError(
                         self.path,
-                        f"{quoted(repr(entry))} was not written, because it could not be read again",
-                        "correct what you gave",
+                        f"{quoted(repr(entry))} was not written, because it could not be read back",
+                        "correct your input",
                     ) from error
                 opened.append(link)
             vars(self).update(vars(Roster.load(self.path)) | {"now_ns": self.now_ns})
@@ -447,14 +449,14 @@ class Roster:
                 raise RosterError(f"participant {participant} has not withdrawn", remedy="withdraw them first")
             if participant in self.erased:
                 raise RosterError(
-                    f"the data of participant {participant} are erased already", remedy="nothing is left to do"
+                    f"the data of participant {participant} have already been erased", remedy="there is nothing to do"
                 )
             self.erased.add(participant)
             return
         if participant in self.withdrawn:
-            on_record = f"the reason on record is '{self.withdrawn[participant]}'; give that one"
+            on_record = f"give the reason on record: '{self.withdrawn[participant]}'"
             mend = on_record if isinstance(entry, Withdrawn) else "enrol another participant"
-            raise RosterError(f"participant {participant} has withdrawn already", remedy=mend)
+            raise RosterError(f"participant {participant} has already withdrawn", remedy=mend)
         self._apply_to_active(entry)
 
     def _apply_to_active(self, entry: Withdrawn | Voices | Eligible | Facts | Sharing | Consented | Corrected) -> None:
@@ -489,7 +491,9 @@ class Roster:
                 known = {one.number: one for one in self.incidents if one.informed_on is None}
                 if entry.number not in known:
                     what = f"got incident {entry.number}"
-                    raise RosterError(what, allowed="one on record of which the board was not informed yet")
+                    raise RosterError(
+                        what, allowed="an incident on record of which the board has not yet been informed"
+                    )
                 told = known[entry.number].model_copy(update={"informed_on": entry.informed_on})
                 self.incidents[entry.number - 1] = told
             case Shared():
@@ -503,8 +507,8 @@ class Roster:
         before = self.consented.get(participant, 0)
         if isinstance(entry, Consented) and known is not None and entry.approval <= before:
             raise RosterError(
-                f"participant {participant} consented on {known} already",
-                remedy="if that day is wrong, give --correct and --reason",
+                f"participant {participant} already consented on {known}",
+                remedy="if the day on record is wrong, add --correct and --reason",
             )
         if isinstance(entry, Corrected) and known is None:
             raise RosterError(
@@ -516,7 +520,7 @@ class Roster:
 
     def _set_consent(self, participant: str, on: date | None, approval: int) -> None:
         if approval > len(self.approved) + 1:
-            raise RosterError(f"got consent to approval {approval}", allowed=f"1 to {len(self.approved) + 1}")
+            raise RosterError(f"got consent under approval {approval}", allowed=f"1 to {len(self.approved) + 1}")
         self.consent_on[participant] = on
         if on is not None:
             self.consented[participant] = approval
@@ -527,34 +531,34 @@ class Roster:
         stop = Approvals((), tuple(self.stopped)).stop(entry.from_on)
         if stop is not None and stop.kind == "ended":
             what = f"the board ended this study on {stop.from_on}"
-            raise RosterError(what, remedy="begin another one, with an id of its own")
+            raise RosterError(what, remedy="start a new study with a new study.id")
         if isinstance(entry, Approved):
             least = max((one.from_on for one in self.approved), default=date.min)
             if entry.number != len(self.approved) + 2 or entry.from_on < least:
                 what = f"approval {entry.number} from {entry.from_on} is not the next one"
-                raise RosterError(what, allowed=f"{len(self.approved) + 2}, from {least} on")
+                raise RosterError(what, allowed=f"number {len(self.approved) + 2}, from {least}")
         elif entry.kind == "lifted" and stop is None:
             what = f"the study is not suspended on {entry.from_on}, so there is nothing to lift"
-            raise RosterError(what, remedy="palpate status shows what is on record")
+            raise RosterError(what, remedy="to see decisions on record, run palpate status")
         elif entry.kind == "suspended" and stop is not None:
-            raise RosterError(f"the study is suspended from {stop.from_on} on already", remedy="nothing is left to do")
+            raise RosterError(f"the study is already suspended from {stop.from_on}", remedy="there is nothing to do")
 
     def check_enrolled(self, participant: str) -> None:
         """Return when `participant` is enrolled. Raises `RosterError` otherwise."""
         if participant not in self.consent_on:
             enrolled = list(self.consent_on) or ["nobody yet"]
             known = " to ".join(dict.fromkeys((enrolled[0], enrolled[-1])))
-            remedy = f"{self.next_label()} is the next to be enrolled"
+            remedy = f"the next label is {self.next_label()}"
             raise RosterError(f"participant '{participant}' is not enrolled", remedy=remedy, allowed=known)
 
     def check_next(self, participant: str) -> None:
         """Return when `participant` is the next label. Raises `RosterError` otherwise."""
         if participant in self.consent_on:
             raise RosterError(
-                f"participant {participant} is enrolled already", remedy=f"the next label is {self.next_label()}"
+                f"participant {participant} is already enrolled", remedy=f"the next label is {self.next_label()}"
             )
         if not re.fullmatch(r"[0-9]{2,}", participant) or participant != self.next_label(len(participant)):
-            raise RosterError(f"got the label '{participant}'", allowed=f"{self.next_label()}, the next one in order")
+            raise RosterError(f"got the label '{participant}'", allowed=f"{self.next_label()}, the next label in order")
 
     def next_label(self, width: int = 2) -> str:
         """Return the next label; as wide as those enrolled, or as `width` while nobody is."""
@@ -565,7 +569,7 @@ class Roster:
 def check_consent(participant: str, consent_on: date | None, *, approved_on: date | None, today: date) -> None:
     """Raise `RosterError` for a day of consent in the future or before the approval; None is no approval yet."""
     given = ("--participant", participant, "--consent-on", "DAY", "--correct", "--reason", "REASON")
-    words = "give the right day; one on record is corrected with {}"
+    words = "give the correct day; to correct a day that is already on record, run {}"
     mend = Remedy(words, ("palpate", "consent", "PROTOCOL", *given), suffices=False)
     if consent_on is not None and consent_on > today:
         raise RosterError(f"participant {participant}", f"got consent on {consent_on}", mend, allowed=f"up to {today}")
@@ -574,5 +578,5 @@ def check_consent(participant: str, consent_on: date | None, *, approved_on: dat
             f"participant {participant}",
             f"got consent on {consent_on}",
             mend,
-            allowed=f"from {approved_on}, when the study was approved",
+            allowed=f"from {approved_on}, the day of approval",
         )

@@ -68,14 +68,14 @@ def _first_run(orders: _Orders, left: Sequence[int], last: int | None, rank: int
             if rank < count:
                 return material, length, rank
             rank -= count
-    raise AssertionError("the counts of the first runs do not add up to the count of all orders")
+    raise AssertionError("the counts for the first runs do not add up to the number of all orders")
 
 
 def _check(counts: Sequence[int], max_run: int) -> None:
     if max_run < 1:
         raise ScheduleError(f"got runs of at most {max_run} trials", remedy="correct max_run", allowed="at least 1")
     if any(count < 0 for count in counts):
-        raise ScheduleError(f"got the numbers of trials {list(counts)}", allowed="none below 0")
+        raise ScheduleError(f"got {list(counts)} trials", allowed="none below 0")
 
 
 class _Orders:

@@ -52,8 +52,8 @@ def withdraw(
             try:
                 rebuild(root)
             except PalpateError as error:
-                what = f"the withdrawal of participant {participant} is on record, but the tables were not made again"
-                recorded = DatasetError(f"{what}: mend that, then run the same command again")
+                what = f"the withdrawal of participant {participant} is on record, but the tables were not rebuilt"
+                recorded = DatasetError(f"{what}: fix the problem, then run the same command again")
                 raise error.followed_by(recorded) from error
     return path
 
@@ -64,8 +64,11 @@ def _check_apart(roster: Roster, participant: str) -> None:
     mixed = set[str]().union(*(pair for pair in pairs if participant in pair)) - {participant, *roster.withdrawn}
     if mixed:
         names = ", ".join(sorted(mixed))
-        what = f"sessions of participants {participant} and {names} are under each other's labels"
-        remedy = f"withdraw without --erase, and the analysis leaves {participant} out; erase once {names} withdrew too"
+        what = f"participants {participant} and {names} have sessions under each other's labels"
+        remedy = (
+            f"withdraw without --erase, so that the analysis leaves {participant} out; erase the data after {names} "
+            "withdraws"
+        )
         raise RosterError(what, remedy=remedy)
 
 
@@ -123,7 +126,7 @@ def _erase(root: Path, roster: Roster, participant: str) -> None:
     folders = {label: storage.participant_folder(root, label) for label in _labels(roster, participant)}
     for folder in folders.values():
         if folder.is_symlink():
-            raise DatasetError(folder, "is a link", "put the folder itself in its place, then do it again")
+            raise DatasetError(folder, "is a link", "replace the link with the folder itself, then try again")
     for label in folders:
         _mark_apart(root, label, roster.withdrawn[label])
     if participant not in roster.erased:

@@ -81,7 +81,7 @@ def of_accelerations(
     low_hz, high_hz = carries_hz
     if not low_hz < high_hz:
         raise SynthesisError(
-            f"carries_hz: got {low_hz:g} to {high_hz:g} Hz; allowed: a lowest frequency below a highest"
+            f"carries_hz: got {low_hz:g} to {high_hz:g} Hz; allowed: a lowest frequency below the highest"
         )
     asked, mean = _requested_amplitudes(stimulus), stimulus.mean_m_s2
     # Against the equations, and not against the waveform that was prepared, which may be wrong itself.

@@ -73,19 +73,19 @@ class CrinkleSpectra:
             )
         if amplitudes.min() < 0 or np.any(np.abs(signs) != 1):
             raise SynthesisError(
-                f"amplitudes: got {amplitudes.min():g} at the lowest and signs from {signs.min():g} to "
+                f"amplitudes: got a minimum of {amplitudes.min():g} and signs from {signs.min():g} to "
                 f"{signs.max():g}; allowed: zero or more, and -1 or +1; make them with `subtract`"
             )
         loudest = float(np.max(np.sum(amplitudes / LOUDEST_M_S2, axis=1)))
         if loudest > 1:
             raise SynthesisError(
                 f"amplitudes: got a sum of {loudest:g} times {LOUDEST_M_S2:g} m/s^2 at one speed; "
-                "allowed: less, so that no stimulus overflows; check the recordings' unit"
+                "allowed: less, or stimuli would overflow; check the unit of the recordings"
             )
         if self.samples < amplitudes.shape[1]:
             raise SynthesisError(
                 f"recorded: got {self.samples} samples for {amplitudes.shape[1]} bins; "
-                "allowed: as many samples as bins, or more; make them with `subtract`"
+                "allowed: at least as many samples as bins; make them with `subtract`"
             )
 
     def grid(self, output_rate_hz: int) -> Grid:

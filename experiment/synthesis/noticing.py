@@ -52,8 +52,8 @@ SOLE = Site(
     np.minimum(_PROBE_M_S2 * (THIRDS_HZ / 40) ** 2, _PROBE_M_S2 / 10 ** (3 * _DOUBLINGS / 20)),
     0.052,
     0.58,
-    "sole: 1.2 um detected at 200 Hz under a probe, Kowalzik et al. 1996; by frequency as Gu and Griffin 2011 have it "
-    "from 20 to 250 Hz; 21 dB less for a whole sole, by Verrillo 1963; Weber fractions 0.052 (seated, 4 to 80 Hz, "
+    "sole: 1.2 um detected at 200 Hz under a probe, Kowalzik et al. 1996; across frequency as in Gu and Griffin 2011, "
+    "20 to 250 Hz; 21 dB less for a whole sole, Verrillo 1963; Weber fractions 0.052 (seated, 4 to 80 Hz, "
     "Matsumoto et al. 2002) to 0.58 (palm, 10 Hz, Forta et al. 2012)",
 )
 """Kowalzik, Hermann, Biedermann and Peiper 1996, Foot Ankle Int. 17, 629-634; Gu and Griffin 2011, Somatosens. Mot.
@@ -67,7 +67,7 @@ FINGERTIP = Site(
     np.full(THIRDS_HZ.size, 0.1),
     0.20,
     0.58,
-    "fingertip: 100 dB re 1e-6 m/s^2 detected from 8 to 500 Hz, Lundstrom et al. 1992, the most sensitive of theirs; "
+    "fingertip: 100 dB re 1e-6 m/s^2 detected from 8 to 500 Hz, Lundstrom et al. 1992, the most sensitive one; "
     "Weber fractions 0.20 (palm, 125 Hz) to 0.58 (palm, 10 Hz), Forta et al. 2012",
 )
 """Lundstrom, Stromberg and Lundborg 1992, Int. Arch. Occup. Environ. Health 64, 201-207: about 100 to 140 dB, by age

@@ -43,7 +43,7 @@ class Response:
         a = finite(self.accelerations_m_s2, what="accelerations_m_s2 of the response")
         if f.ndim != 1 or f.size < 2 or f[0] < 0 or np.any(np.diff(f) <= 0):
             raise SynthesisError(
-                f"frequencies_hz of the response: got {_few(f)}; allowed: two or more, strictly rising, none below 0; "
+                f"frequencies_hz of the response: got {_few(f)}; allowed: two or more, strictly rising, 0 or above; "
                 "sort the table"
             )
         if levels.ndim != 1 or levels[0] <= 0 or np.any(np.diff(levels) <= 0):
@@ -60,8 +60,8 @@ class Response:
             i, j = place
             raise SynthesisError(
                 f"accelerations_m_s2 of the response: got {a[i, j]:g} at {f[i]:g} Hz and {levels[j]:g} V after "
-                f"{a[i, j - 1] if j else 0.0:g}; allowed: strictly rising with the level, for only then is there an "
-                "inverse; measure that frequency again"
+                f"{a[i, j - 1] if j else 0.0:g}; allowed: strictly rising with the level, because otherwise there "
+                "is no inverse; measure that frequency again"
             )
 
 

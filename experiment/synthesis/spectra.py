@@ -95,7 +95,7 @@ def grid(*, samples: int, bins: int, rate_hz: int, output_rate_hz: int) -> Grid:
     if count < 1:
         raise SynthesisError(
             f"output_rate_hz: got {output_rate_hz} for {samples} samples at {rate_hz} Hz; "
-            "allowed: a rate at which the waveform has a sample; raise the rate"
+            "allowed: a rate at which the waveform has at least one sample; raise the rate"
         )
     return Grid(p=p, q=q, count=count, carried=min(bins, ceil(p / q)))
 
@@ -125,7 +125,7 @@ def transformable(on: Grid) -> None:
     """Refuse a grid that needs a transform longer than `LONGEST_TRANSFORM`. Raises `SynthesisError`."""
     if on.p > LONGEST_TRANSFORM:
         raise SynthesisError(
-            f"output_rate_hz: got one whose ratio to the recording's needs a transform of {on.p} points; "
+            f"output_rate_hz: got a rate whose ratio to the recording's rate needs a transform of {on.p} points; "
             f"allowed: at most {LONGEST_TRANSFORM}; use a rounder rate"
         )
 
@@ -146,7 +146,7 @@ def inverse_on(coefficients: ArrayLike, on: Grid) -> NDArray[np.float64]:
     samples: NDArray[np.float64] = fft.dct(padded, type=3, axis=-1, overwrite_x=True)[..., : on.count]
     if not np.isfinite(samples).all():
         raise SynthesisError(
-            f"coefficients: got magnitudes up to {np.abs(c).max():g}, whose sum overflows; "
+            f"coefficients: got magnitudes up to {np.abs(c).max():g}, and their sum overflows; "
             "allowed: a finite waveform; check the recording's unit"
         )
     if lift != 1.0:

@@ -67,7 +67,7 @@ def waveform(
     if not (2 * surface.attack_hz < rate_hz < inf):
         raise SynthesisError(
             f"rate: got {rate_hz} Hz for {surface.name}, which vibrates at {surface.attack_hz:g} Hz; allowed: more "
-            "than twice that, and finite; take a device with a higher rate, or leave the surface out"
+            "than twice that, and finite; use a device with a higher rate, or leave out the surface"
         )
     length = log(1 / FADED) / surface.decay_per_s if length_s is None else length_s
     if not 0 < length < inf:
@@ -133,7 +133,7 @@ def frequency_curve(stiffness_n_m: ArrayLike, frequencies_hz: ArrayLike) -> Expo
     if k.ndim != 1 or k.shape != f.shape or np.unique(k).size < 2 or np.any(f <= 0):
         raise SynthesisError(
             f"curve: got {k.tolist()} N/m and {f.tolist()} Hz; allowed: as many frequencies above zero as stiffnesses, "
-            "of which two differ; tap on another surface"
+            "at least two of them different; tap on another surface"
         )
     logs = np.log(f)
     slope, start = np.polynomial.polynomial.polyfit(k, logs, 1)[::-1]
@@ -169,8 +169,8 @@ def scaling(speeds_m_s: ArrayLike, amplitudes: ArrayLike) -> Scaling:
     v, a = finite(speeds_m_s, what="speeds"), finite(amplitudes, what="amplitudes")
     if v.ndim != 1 or v.shape != a.shape or np.unique(v).size < 2 or np.any(v <= 0):
         raise SynthesisError(
-            f"scaling: got speeds of {v.tolist()} m/s; allowed: two or more that differ, above zero, with an amplitude "
-            "each; tap at other speeds"
+            f"scaling: got speeds of {v.tolist()} m/s; allowed: two or more different speeds above zero, each with an "
+            "amplitude; tap at other speeds"
         )
     slope = float(np.dot(v, a) / np.dot(v, v))
     line = np.polynomial.polynomial.polyfit(v, a, 1)

@@ -102,7 +102,7 @@ def test_attempts_done_again_are_there_and_marked(tmp_path: Path) -> None:
     trials = _frame(made["trials.csv"])
     assert trials[["attempt", "counted", "included"]].to_numpy().tolist() == [[1, 0, 0], [2, 1, 1]]
     assert trials["correct"].isna().tolist() == [True, False]
-    assert _frame(made["exclusions.csv"])["reason"].tolist() == ["attempt 1 was done again: slipped"]
+    assert _frame(made["exclusions.csv"])["reason"].tolist() == ["attempt 1 was repeated: slipped"]
     assert pd.read_csv(io.BytesIO(made["psychopy.csv"]), keep_default_na=False)["key_resp.keys"].tolist() == ["None"]
 
 

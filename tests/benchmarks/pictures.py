@@ -1,4 +1,4 @@
-"""Pictures of a whole practised visit: run `python -m tests.benchmarks.pictures FOLDER [ID TASK]`.
+"""Pictures of a whole practiced visit: run `python -m tests.benchmarks.pictures FOLDER [ID TASK]`.
 
 With the id of a shipped protocol it is the first trials of that task.
 
@@ -61,16 +61,16 @@ STANDING = Standing(
     task="two", purpose="STUDY", trials=40, answered=3, remaining=37, recent=(Told(trial=3, words="felt"),)
 )
 GAUGES = Gauges(left_s=3300, trace_unit="mm", lamps=(Lamp(name="tracker", good=True, words="1000 Hz"),))
-YES_NO = (Choice(key="y", words="yes, go on"), Choice(key="n", words="no, leave"))
+YES_NO = (Choice(key="y", words="yes, continue"), Choice(key="n", words="no, leave"))
 BASE = View(study="small", participant="07", step="two", steps=("one", "two", "debriefing"), standing=STANDING)
 
 
 def made_up() -> dict[str, View]:
     """Return views of what practice never comes to."""
-    consent = "No consent of participant 07 is on record. Did they read the consent text and sign today?"
-    identity = "Is the person in front of you participant 07? Consent is of 2026-05-04. Complete so far: one."
-    rest = "For zeroing, have the foot rest still on the bare panel."
-    wait = "The break after task one lasts 10 min at least."
+    consent = "Participant 07 has no recorded consent. Did they read the consent text and sign it today?"
+    identity = "Is the person in front of you participant 07? Consent was given on 2026-05-04. Complete so far: one."
+    rest = "To zero the tracker, have the participant rest the foot still on the bare panel."
+    wait = "The break after task one lasts at least 10 min."
     gone = GAUGES.model_copy(update={"lamps": (Lamp(name="tracker", good=False, words="no frame for 3 s"),)})
 
     def asks(kind: str, text: str, *choices: Choice) -> View:
@@ -80,7 +80,7 @@ def made_up() -> dict[str, View]:
     return {
         "consent": asks("agree", consent, *YES_NO),
         "identity": asks("agree", identity, *YES_NO),
-        "rest": asks("rest", rest, Choice(key="enter", words="the foot rests on the bare panel")),
+        "rest": asks("rest", rest, Choice(key="enter", words="the foot is resting on the bare panel")),
         "break": asks("break", wait).model_copy(
             update={"state": "paused", "pause_until_ns": time.time_ns() + 312 * 10**9}
         ),

@@ -128,7 +128,7 @@ def test_what_is_no_file_is_neither_waited_for_nor_read(
     with socket.socket(socket.AF_UNIX) as made:
         made.bind("socket")
     for path in (Path("pipe"), Path("socket"), Path("/dev/zero")):
-        with pytest.raises(OSError, match="a device, a pipe or a socket, not a file"):
+        with pytest.raises(OSError, match="it is a device, a pipe or a socket, not a file"):
             storage.read_bytes(path)
     with pytest.raises(IsADirectoryError):
         storage.read_bytes(tmp_path)

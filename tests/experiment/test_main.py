@@ -210,7 +210,7 @@ def test_a_closed_output_is_told_in_words_and_a_closed_error_stream_changes_noth
     command = f"{sys.executable} -m palpate.experiment check okamoto2012 {closed}"
     done = subprocess.run(["sh", "-c", command], cwd=repository_root, capture_output=True, text=True, check=False)
     assert done.returncode == code
-    said = "palpate: standard output is closed; open it, into /dev/null if nobody reads it\n"
+    said = "palpate: standard output is closed; open it, or redirect it to /dev/null\n"
     assert done.stderr == (said if code else "")
 
 

@@ -111,20 +111,20 @@ CASES = (
         STATES["sealed"],
         "new",
         done="palpate: protocol.seal.toml: 1 error\n  seal: got an existing seal; allowed: no seal: this version of "
-        "the protocol is sealed already; replace it (--replace), or move it away\n",
+        "the protocol is already sealed; replace it (--replace), or move it away\n",
     ),
-    Case(ENROL, "sealed", done="palpate: participant 01 is enrolled already; the next label is 02\n", records=True),
+    Case(ENROL, "sealed", done="palpate: participant 01 is already enrolled; the next label is 02\n", records=True),
     Case(
         f"consent protocol.toml -p 01 --consent-on {TODAY} --dataset study",
         "without consent",
-        done=f"palpate: participant 01 consented on {TODAY} already; "
-        "if that day is wrong, give --correct and --reason\n",
+        done=f"palpate: participant 01 already consented on {TODAY}; "
+        "if the day on record is wrong, add --correct and --reason\n",
         records=True,
     ),
     Case(
         ENROL.replace("01", "02", 1),
         "enrolled",
-        done="palpate: participant 02 is enrolled already; the next label is 03\n",
+        done="palpate: participant 02 is already enrolled; the next label is 03\n",
         records=True,
     ),
     Case(
@@ -149,13 +149,13 @@ CASES = (
     Case(
         IMPORT,
         "new",
-        done="palpate: counts: exists, and a dataset is never overwritten; allowed: a new or empty folder; "
+        done="palpate: counts: already exists, and palpate never overwrites a dataset; allowed: a new or empty folder; "
         "choose another, or move it away\n",
     ),
     Case(
         STATES["recorded"],
         "new",
-        done="palpate: recordings: holds recordings already; "
+        done="palpate: recordings: already contains recordings; "
         "allowed: a new or empty folder; choose another with --out\n",
     ),
     Case("validate recordings --no-figures --out validation", "recorded"),

@@ -112,7 +112,7 @@ class Run:
         text = self.life.text
         wrong = [
             Wrong(f"it said {text[text.index(word) :][:900]!r}")
-            for word in ("FAULT", "Exception ignored", "Traceback", "a fault in palpate")
+            for word in ("FAULT", "Exception ignored", "Traceback", "an error in palpate")
             if word in text
         ]
         if self.code not in codes:
@@ -265,7 +265,7 @@ def moved_back(run: Run) -> list[Wrong]:
     # Whatever was written where the folder had been stands beside it, and is no part of the dataset.
     shutil.rmtree(run.ledger.dataset, ignore_errors=True)
     run.ledger.dataset.with_suffix(".moved").rename(run.ledger.dataset)
-    wrong = run.says((2,), "the file is gone") + run.footed("", "error: .*: the file is gone: .*")
+    wrong = run.says((2,), "the file is missing") + run.footed("", "error: .*: the file is missing: .*")
     return wrong + [Wrong(f"{run.since} answers were confirmed without the folder", run.since)] * (run.since > 0)
 
 
@@ -288,7 +288,7 @@ def doubled(run: Run) -> bool:
     while second.next(time.monotonic() + PATIENCE_S) != "end":
         run.wrong.append(Wrong("a second runner was let in", 1))
         second.kill()
-    if "a session of participant" not in second.text:
+    if "a session with participant" not in second.text:
         run.wrong.append(Wrong(f"the second runner was told {second.text[-200:]!r}"))
     world.close()
     return True
@@ -306,7 +306,7 @@ def in_words(run: Run) -> list[Wrong]:
 
 
 INTERRUPTED = "paused: interrupted at the keyboard"
-SCREEN_GONE = r"paused: (the screen is gone \(.*\)|the input ended, and nobody can type)"
+SCREEN_GONE = r"paused: (the terminal was closed \(.*\)|the terminal's input ended, so nothing more can be typed)"
 
 EVERYWHERE = (
     Moment("fork", 0.4),

@@ -63,9 +63,9 @@ SCREEN = re.compile(
     r"|(?P<lay>\[Enter\] it is laid out: )"
     r"|(?P<armed>Armed: the participant may step\.|may lift the foot and step\.)"
     r"|Trial (?P<asked>\d+)\.  What did the participant say\?\n[^\n]*WHAT WAS DONE: "
-    r"|type (?P<confirm>\S) again to confirm, anything else to ask again: "
-    r"|Trial (?P<trial>\d+): the answer is on disk: (?P<answer>[^\n]*)\.\n"
-    r"|(?P<write>Type one line, or nothing; press Enter: )"
+    r"|type (?P<confirm>\S) again to confirm, or anything else to choose again: "
+    r"|Trial (?P<trial>\d+): answer saved: (?P<answer>[^\n]*)\.\n"
+    r"|(?P<write>Type one line, or leave it blank, and press Enter: )"
     r"|(?P<remarks>\[Enter\] end[^\n]*WHAT WAS DONE: )"
     r"|(?P<ended>\[ended -?\d+\])"
 )

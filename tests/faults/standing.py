@@ -1,4 +1,4 @@
-"""A practised session whose parts can be made to stand still; what is heard, felt and shown then, seen from outside.
+"""A practiced session whose parts can be made to stand still; what is heard, felt and shown then, seen from outside.
 
 The session is a process of its own, SIMULATED but for itself: a sound server that waits for nobody, a force device that
 keeps what it pushed, and a hand at the far end of the tracker's line, moved from here, that rests inside of the block.
@@ -193,7 +193,7 @@ class Ear:
 
 
 class Session:
-    """One practised session, and somebody who keys what is asked until a step is reached: at a desk, or on lines."""
+    """One practiced session, and somebody who keys what is asked until a step is reached: at a desk, or on lines."""
 
     def __init__(self, folder: Path, study: Path, rig: Path, *, taps: bool) -> None:
         self.folder = folder

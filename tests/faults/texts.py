@@ -249,7 +249,7 @@ def _twins(path: Path) -> Count:
     ):
         for twin in TWINS:
             _write(path, changed(changed(document(), first, "cocoa"), second, twin))
-            tally.note(f"{written(second)}: {twin!a}", *_wrong(_palpate("check", path), written(second), "of its own"))
+            tally.note(f"{written(second)}: {twin!a}", *_wrong(_palpate("check", path), written(second), "unique"))
     return tally.count()
 
 

@@ -79,9 +79,9 @@ def fed(wire: Wire, rng: np.random.Generator, hesitation: Hesitation = "none") -
 
 
 NAMED = re.compile(
-    r"the tracker's (clock (ran ahead of|fell behind) the session's|times (lie|leave room for)|heights (jump|stay)) .*"
-    r"|no reading for \d+ ms where the foot crossed the gate; take a shorter cable"
-    r"|tracker at fed: the device's clock no longer runs on .*"
+    r"the tracker's (clock (ran ahead of|fell behind) the session's|times (are|have gaps for)|heights? (jump|stays)) .*"
+    r"|no reading for \d+ ms while the foot crossed the gate; use a shorter cable"
+    r"|tracker at fed: the device's clock no longer continues .*"
 )
 """How a reason names what is wrong with the tracker."""
 

@@ -1,4 +1,4 @@
-"""A terminal of 80 x 24 (tmux) in which a session is practised, with the keys that a hand presses there."""
+"""A terminal of 80 x 24 (tmux) in which a session is practiced, with the keys that a hand presses there."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REACTS_S = 0.5
 
 
 class Terminal:
-    """A terminal of 80 x 24 that a session is practised in."""
+    """A terminal of 80 x 24 that a session is practiced in."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -108,9 +108,9 @@ def test_devices_are_listed_as_a_rig_file_names_them(palpate: Palpate) -> None:
     [
         (
             {"device": "hw:9"},
-            r"audio device 'hw:9' of JACK Audio Connection Kit: got no device of this name; allowed: ",
+            r"audio device 'hw:9' of JACK Audio Connection Kit: got no device with this name; allowed: ",
         ),
-        ({"host_api": "ASIO"}, r"audio device 'system' of ASIO: got no device of this name"),
+        ({"host_api": "ASIO"}, r"audio device 'system' of ASIO: got no device with this name"),
         ({"outputs": 9}, r"got 4 outputs and 2 inputs; allowed: at least 9 and 2, as audio\.channels"),
         ({"inputs": 3}, r"got 4 outputs and 2 inputs; allowed: at least 4 and 3"),
         ({"rate_hz": 44_100}, r"Invalid sample rate.*: it does not run at 44100 Hz; set the device to it, or correct"),

@@ -73,7 +73,7 @@ def test_a_press_is_dated_by_the_board_however_late_it_is_read(board: SimulatedB
     [
         (lambda board: setattr(board, "sends", False), "was silent for 1 s"),
         (SimulatedButtons.unplug, "buttons at"),
-        (lambda board: board.write(b"no board\n"), "which no board of buttons sends"),
+        (lambda board: board.write(b"no board\n"), "which is not a message from a button board"),
     ],
 )
 def test_a_board_that_fails_is_noticed(

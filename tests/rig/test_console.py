@@ -1,4 +1,4 @@
-"""The console in a real terminal (tmux), at a session in a process of its own that is practised with it."""
+"""The console in a real terminal (tmux), at a session in a process of its own that is practiced with it."""
 
 from __future__ import annotations
 
@@ -46,20 +46,20 @@ def is_python(process: int) -> bool:
 
 def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Terminal) -> None:
     terminal.begin(*SECOND)
-    terminal.until(lambda text: "FAMILIARISE" in text and "Enter" in text)
+    terminal.until(lambda text: "FAMILIARIZE" in text and "Enter" in text)
     terminal.press("Enter", times=25)
     terminal.until(lambda text: "ARMED" in text)
     terminal.answer()
     terminal.press("F2")
     terminal.press("q")
     terminal.press("Enter")
-    terminal.until(lambda text: "The note is on disk." in text)
+    terminal.until(lambda text: "The note is saved." in text)
 
     # Left: the session goes on, and the same command comes back to it.
     terminal.press("F9")
     terminal.until(lambda text: "Leave the console?" in text)
     terminal.press("Enter")
-    terminal.until(lambda text: "left with 0" in text and "The same command comes back to it." in text)
+    terminal.until(lambda text: "left with 0" in text and "To return to it, run the same command." in text)
     terminal.close()
     (session,) = terminal.processes("--session-at")
     terminal.begin(*SECOND)
@@ -83,15 +83,15 @@ def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Ter
 
     # Its session killed: it is told, nothing that was confirmed is lost, and a key starts it again.
     os.kill(session, signal.SIGKILL)
-    terminal.until(lambda text: "GONE" in text and "Nothing that was" in text)
+    terminal.until(lambda text: "GONE" in text and "Every confirmed answer" in text)
     terminal.press("Enter")
     terminal.answer()
     for asked_for in ("report", "handed"):
         terminal.until(re.compile(f"{asked_for}(.|\\n)*write down the answer").search)
         terminal.press("Enter")
-        terminal.until(lambda text: "It may stay empty" in text)
+        terminal.until(lambda text: "Leave it blank" in text)
         terminal.press("Enter")
-    terminal.until(lambda text: "DEBRIEF" in text and "Note what is left" in text)
+    terminal.until(lambda text: "DEBRIEF" in text and "Add any remaining notes" in text)
     terminal.press("Enter")
     terminal.until(lambda text: "ENDED" in text and f"The session is complete: {TRIALS} answers." in text)
     terminal.press("Enter")

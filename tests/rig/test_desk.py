@@ -36,7 +36,7 @@ from tests.rig.laboratory import write_rig
 from tests.rig.visited import PATIENCE_S, Desk
 
 TASKS = ("one", "two")
-"""In the order in which participant 01 practises them."""
+"""In the order in which participant 01 practices them."""
 
 
 @pytest.fixture

@@ -111,13 +111,13 @@ def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red(approved:
 @pytest.mark.parametrize(
     ("changed", "said", "remedy"),
     [
-        ({"device": '"hw:9"'}, "got no device of this name", "plug it in, start its server"),
-        ({"actuator": "9"}, "got 4 outputs and 2 inputs", "or correct audio.channels, or choose another device"),
-        ({"loopback": "3"}, "got 4 outputs and 2 inputs", "or correct audio.channels, or choose another device"),
+        ({"device": '"hw:9"'}, "got no device with this name", "plug it in, start its server"),
+        ({"actuator": "9"}, "got 4 outputs and 2 inputs", "correct audio.channels"),
+        ({"loopback": "3"}, "got 4 outputs and 2 inputs", "correct audio.channels"),
         (
             {"rate_hz": "44100"},
             "Invalid sample rate",
-            "set the device to it, or correct audio.rate_hz in the rig file",
+            "set it to that rate, or correct audio.rate_hz in the rig file",
         ),
     ],
     ids=["device", "output", "input", "rate"],

@@ -260,7 +260,7 @@ def test_a_board_that_is_unplugged_is_noticed(program: Path, tmp_path: Path) -> 
             while tracker.read().device_us[-1] < 45_000:
                 pass
             chip.unplug()
-            with pytest.raises(TrackerStopped, match="the port has gone"):
+            with pytest.raises(TrackerStopped, match="port has disappeared"):
                 while True:
                     tracker.read()
         finally:

@@ -255,7 +255,7 @@ def test_a_server_that_breaks_off_is_an_error_with_a_remedy(serve: Serve) -> Non
         connection.recv(16)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
 
-    with pytest.raises(ActuatorError, match=r"the connection broke \(.*\); see that its server runs"):
+    with pytest.raises(ActuatorError, match=r"the connection broke \(.*\); check that its server is running"):
         play(actuator(serve(breaks_off)), np.ones(10**6))
 
 

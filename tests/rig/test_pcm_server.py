@@ -112,7 +112,7 @@ def test_nothing_plays_after_a_server_that_paused_until_it_is_done(
     assert time.monotonic() - begun_s < 0.2 + 0.05 + 0.25
     for _ in range(3):
         assert not opened.is_silent()
-        with pytest.raises(ActuatorError, match="may still play"):
+        with pytest.raises(ActuatorError, match="still be playing"):
             opened.prepare(made.given(np.ones(1000)))
     assert silence(opened, within_s=0.3) >= 0.3
     server.went_on.set()
@@ -129,7 +129,7 @@ def test_a_server_that_takes_nothing_has_failed_before_its_buffer_has_room() -> 
     opened = PcmActuator(server.address, Conditioner(full_scale=64.0, limit_m_s2=20.0), rate_hz=96_000_000)
     # 20 MB, of which the buffers of both ends hold some 4 MB while nobody reads.
     opened.prepare(made.given(np.ones(5_000_000)))
-    with pytest.raises(ActuatorError, match="stopped taking samples"):
+    with pytest.raises(ActuatorError, match="stopped accepting"):
         opened.landed(0)
     assert opened.delivered(0) is None
     opened.close()

@@ -68,7 +68,7 @@ def test_a_press_counts_behind_all_that_nobody_read(board: SimulatedPedal) -> No
     [
         (lambda board: setattr(board, "sends", False), "was silent for 1 s"),
         (SimulatedPedal.unplug, "pedal at"),
-        (lambda board: board.write(b"\x00\xff" * 3000), "which no pedal sends"),
+        (lambda board: board.write(b"\x00\xff" * 3000), "which is not a pedal's message"),
     ],
 )
 def test_a_pedal_with_which_nobody_could_stop_is_noticed(

@@ -1,4 +1,4 @@
-"""A session practised at a real terminal: the keys are an experimenter's, all that is beyond the ports is simulated."""
+"""A session practiced at a real terminal: the keys are an experimenter's, all that is beyond the ports is simulated."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ main()
 
 QUESTION = re.compile(
     r"Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>participant say\?\n[^\n]*WHAT WAS DONE: )"
-    r"|type (?P<again>\S) again[^\n]*again: |\[Enter\] [^\n]*: |or nothing; press Enter: "
+    r"|type (?P<again>\S) again[^\n]*again: |\[Enter\] [^\n]*: |blank, and press Enter: "
     r"|(?P<agree>\[y\] [^\n]*: )"
 )
 KEYS = {"felt": "f", "cork": "k", "kraft paper": "p", "foil": "o", "film": "i"}
 TRIALS = 4
 PAUSED = (
     "The session is paused, with 1 answer on disk: it was interrupted at the keyboard. "
-    "The same command goes on with it."
+    "To continue it, run the same command."
 )
 
 
@@ -54,7 +54,7 @@ def study(tmp_path: Path) -> Path:
     return file
 
 
-def practise(folder: Path, *arguments: str, stop_after: int = TRIALS, stop: int = 2) -> tuple[int, str]:
+def practice(folder: Path, *arguments: str, stop_after: int = TRIALS, stop: int = 2) -> tuple[int, str]:
     """Give the command at a terminal, and key what the participant says; `stop` it once so many are answered.
 
     By default it is stopped as by Ctrl-C.
@@ -100,16 +100,16 @@ def practise(folder: Path, *arguments: str, stop_after: int = TRIALS, stop: int 
         process.kill()
 
 
-def test_a_session_is_practised_paused_and_continued_at_a_terminal(
+def test_a_session_is_practiced_paused_and_continued_at_a_terminal(
     tmp_path: Path, study: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
 ) -> None:
-    code, screen = practise(tmp_path, "small.toml", "--task", "one", stop_after=1)
+    code, screen = practice(tmp_path, "small.toml", "--task", "one", stop_after=1)
     assert (code, PAUSED in " ".join(screen.split())) == (0, True), screen
-    at_once = "Opening the session of PRACTICE, with a simulated laboratory ...\n"
+    at_once = "Opening the PRACTICE session, with a simulated laboratory ...\n"
     assert screen.startswith(f"{at_once}PRACTICE - simulated participants")
     assert "'felt' and 'cork' are" in screen
     assert "Familiarisation, up to 55 s." in screen
-    code, rest = practise(tmp_path, "small.toml", "--task", "one")
+    code, rest = practice(tmp_path, "small.toml", "--task", "one")
     assert (code, "complete: 4 answers" in rest) == (0, True), rest
     root = tmp_path / "participants" / "practice-small"
     entries = journal.read(storage.journal_path(root, "01", "one")).entries
@@ -133,10 +133,10 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     assert [path for path in made if "PRACTICE" not in path.read_text("utf-8")] == []
 
 
-def test_a_task_that_was_practised_has_its_tables_whatever_ends_the_next(
+def test_a_task_that_was_practiced_has_its_tables_whatever_ends_the_next(
     tmp_path: Path, study: Path, palpate: Palpate
 ) -> None:
-    code, screen = practise(tmp_path, "small.toml", stop_after=TRIALS + 1, stop=9)
+    code, screen = practice(tmp_path, "small.toml", stop_after=TRIALS + 1, stop=9)
     assert code == -9, screen
     root = tmp_path / "participants" / "practice-small"
     assert verify(root).refused == 0
@@ -145,21 +145,21 @@ def test_a_task_that_was_practised_has_its_tables_whatever_ends_the_next(
 
 
 @pytest.mark.usefixtures("working_folder")
-def test_a_new_study_of_five_materials_is_practised_and_has_its_tables(
+def test_a_new_study_of_five_materials_is_practiced_and_has_its_tables(
     tmp_path: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     materials = [word for name, key in KEYS.items() for word in ("--material", f"{name}, {key}")]
     assert palpate("new", "mystudy.toml", *materials, "--tasks", "virtual", "--repetitions", 1, "--yes")[0] == 0
-    code, screen = practise(tmp_path, "mystudy.toml", "--task", "virtual", stop_after=5)
+    code, screen = practice(tmp_path, "mystudy.toml", "--task", "virtual", stop_after=5)
     assert (code, "complete: 5 answers" in screen) == (0, True), screen
     code, tables, err = palpate("analyse", "participants/practice-mystudy", "--no-figures")
     assert (code, err) == (0, "")
     assert [name for name in KEYS if name not in tables] == []
 
 
-def test_fewer_trials_are_practised_in_a_folder_of_their_own(tmp_path: Path, study: Path) -> None:
-    code, screen = practise(tmp_path, "small.toml", "--task", "one", "--repetitions", "1", stop_after=2)
+def test_fewer_trials_are_practiced_in_a_folder_of_their_own(tmp_path: Path, study: Path) -> None:
+    code, screen = practice(tmp_path, "small.toml", "--task", "one", "--repetitions", "1", stop_after=2)
     assert (code, "complete: 2 answers" in screen) == (0, True), screen
     root = tmp_path / "participants" / "practice-small-1-of-each"
     (onward,) = re.findall(r"palpate run (\S+) (.*--task two)", screen)
@@ -174,15 +174,18 @@ def test_fewer_trials_are_practised_in_a_folder_of_their_own(tmp_path: Path, stu
     ("options", "refused"),
     [
         (["--practice", "-p", "99"], "no participant '99': this study has '01' to '06'"),
-        (["--practice", "--task", "three"], "does not do task 'three'; allowed: one, two; name one of these"),
+        (["--practice", "--task", "three"], "does not do task 'three'; allowed: one, two; choose one of these"),
         (["--practice", "--recordings", "there"], "got --recordings with --practice"),
         (["--practice", "--rig", "rig.toml"], "rig.toml: is a real rig"),
-        (["--practice", "--dataset", "."], "is no dataset of practice, and practice never writes into anything else"),
-        ([], "got no --participant or no --rig"),
+        (
+            ["--practice", "--dataset", "."],
+            "is not the dataset of practice, and practice writes only to its own datasets",
+        ),
+        ([], "--participant or --rig is missing"),
         (["-p", "01", "--rig", "rig.toml", "--repetitions", "1"], "got --repetitions"),
     ],
 )
-def test_what_cannot_be_practised_is_refused_and_leaves_nothing(
+def test_what_cannot_be_practiced_is_refused_and_leaves_nothing(
     tmp_path: Path,
     study: Path,
     options: list[str],
@@ -206,11 +209,11 @@ def test_practice_and_a_rehearsal_stand_apart(
     assert on_any_machine(err, tmp_path) == approved
 
 
-def test_a_task_that_presents_one_material_is_practised_and_analysed(tmp_path: Path, palpate: Palpate) -> None:
+def test_a_task_that_presents_one_material_is_practiced_and_analysed(tmp_path: Path, palpate: Palpate) -> None:
     (tmp_path / "small.toml").write_text(
         SMALL.replace('stimulus = "real"', 'stimulus = "real"\nmaterials = ["cork"]'), "utf-8"
     )
-    code, screen = practise(tmp_path, "small.toml", "--task", "two", stop_after=TRIALS)
+    code, screen = practice(tmp_path, "small.toml", "--task", "two", stop_after=TRIALS)
     assert (code, "complete: 2 answers" in screen) == (0, True), screen
     root = tmp_path / "participants" / "practice-small"
     order = journal.read(storage.journal_path(root, "01", "two")).header.order

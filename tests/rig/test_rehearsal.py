@@ -127,9 +127,8 @@ def test_any_five_materials_are_rehearsed_to_the_end_and_told_apart(
         SMALL.replace("[task_order]", f"{more}[task_order]").replace("chance = 0.5", "chance = 0.2"), "utf-8"
     )
     code, _, err = palpate("rehearse", file, "--participants", 2, "--out", tmp_path / "five", "--jobs", 1)
-    said = (
-        "The materials 'felt', 'cork', 'felt tip', 'moss' and 'sand' are simulated generically: they resemble nothing."
-    )
+    said = "The simulation of 'felt', 'cork', 'felt tip', 'moss' and 'sand' is generic: it does not resemble the real "
+    said += "materials."
     assert (code, said in err) == (0, True)
     assert said in (tmp_path / "five" / "stimuli" / "recordings" / "manifest.toml").read_text("utf-8")
     assert "it resembles nothing" in (tmp_path / "five" / "README").read_text("utf-8")

@@ -123,7 +123,7 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
         with monkeypatch.context() as within:
             # It looked before the first had made anything.
             within.setattr(study, "is_begun", lambda *_: False)
-            with pytest.raises(DatasetError, match="another palpate is making it at this moment"):
+            with pytest.raises(DatasetError, match="another palpate program is creating it now"):
                 rehearse(out)
         refused += 1
 

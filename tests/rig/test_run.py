@@ -194,7 +194,7 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
     assert (broken.trial, broken.felt) == (3, False)
     assert broken.link.received > 0
     events = (Path("dataset") / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()
-    assert events.count("port has gone") == 1
+    assert events.count("port has disappeared") == 1
 
 
 @pytest.mark.parametrize("task", ["real"])

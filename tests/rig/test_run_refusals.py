@@ -135,7 +135,7 @@ def test_an_address_where_nothing_answers(line: SerialLine, refusal: Run, tmp_pa
     nobody = Panel(rigs.load(shipped("rigs/rehearsal.toml")).actuator)
     nobody.close()
     rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address=f'"{nobody.address}"')
-    assert f"actuator at {nobody.address}: nothing answers there" in refusal(rig)
+    assert f"actuator at {nobody.address}: no server answers" in refusal(rig)
 
 
 def test_an_old_calibration_of_the_tracker(line: SerialLine, refusal: Run, tmp_path: Path) -> None:
@@ -162,8 +162,8 @@ def test_a_panel_that_was_measured_too_long_ago(refusal: Run, tmp_path: Path) ->
     [
         ({"actuator": "9"}, "got 4 outputs and 2 inputs; allowed: at least 9 and 2"),
         ({"rate_hz": "44100"}, "it does not run at 44100 Hz"),
-        ({"device": '"hw:9"'}, "got no device of this name"),
-        ({"calibration_days": "1"}, "audio.latency: got a calibration of"),
+        ({"device": '"hw:9"'}, "got no device with this name"),
+        ({"calibration_days": "1"}, "audio.latency: got a calibration from"),
     ],
     ids=["channel", "rate", "device", "old"],
 )

@@ -399,7 +399,7 @@ def test_a_second_screen_is_refused(display: Display, end: End, rig: Path, windo
     assert end.link is not None
     with screen(display, rig, end.link._path) as second:
         said = second.communicate(timeout=BEGINS_S)[1]
-    assert said == "palpate: this session's screen is open already; close it first, or use it\n"
+    assert said == "palpate: this session's screen is already open; close that screen first, or use it\n"
     assert second.returncode == 2
 
 
@@ -545,7 +545,7 @@ SHOWN = {
     "write": "finished",
     "debrief": "finished",
 }
-"""What the participant sees at each step of a practised visit, before the first answer of a task."""
+"""What the participant sees at each step of a practiced visit, before the first answer of a task."""
 
 
 @pytest.mark.parametrize("steps", [("familiarise", "armed", "answer", "confirm"), ("place", "write", "debrief")])

@@ -106,7 +106,7 @@ def test_a_port_that_vanishes_is_noticed_within_200_ms(line: SerialLine, tracker
 
     def attempt() -> float:
         begun_s = time.monotonic()
-        with pytest.raises(TrackerStopped, match=r"the port has gone \(.*\); plug the device in again"):
+        with pytest.raises(TrackerStopped, match=r"the port has disappeared \(.*\); plug in the device again"):
             tracker.read()
         return time.monotonic() - begun_s
 
@@ -133,10 +133,10 @@ def test_a_port_that_vanishes_while_nobody_reads_is_known_though_all_is_kept_tha
 def test_a_port_that_vanishes_under_a_waiting_reader_is_noticed(line: SerialLine, tracker: SerialTracker) -> None:
     puller = threading.Thread(target=line.unplug)
     puller.start()
-    with pytest.raises(TrackerStopped, match="the port has gone"):
+    with pytest.raises(TrackerStopped, match="port has disappeared"):
         tracker.read()
     puller.join()
-    with pytest.raises(TrackerStopped, match="the port has gone"):
+    with pytest.raises(TrackerStopped, match="port has disappeared"):
         tracker.drain()
 
 
@@ -188,7 +188,7 @@ def test_a_tracker_goes_on_where_its_line_is_plugged_in_again(
         line.write(frames(70_000, 5))
         read_until(tracker, 70_004_000)
         line.unplug()
-        with pytest.raises(TrackerStopped, match="the port has gone"):
+        with pytest.raises(TrackerStopped, match="port has disappeared"):
             tracker.read()
         with pytest.raises(TrackerStopped, match=r"not back within 0.1 s \(.*\); plug it in"):
             tracker.reconnect(0.1)
@@ -226,14 +226,14 @@ def test_a_line_outlives_its_readers(line: SerialLine, settings: TrackerRig) -> 
 
 @pytest.mark.parametrize("line", ["pty"], indirect=True)
 def test_a_port_in_use_is_refused(line: SerialLine, tracker: SerialTracker, settings: TrackerRig) -> None:
-    with pytest.raises(TrackerError, match="another program holds it; close that program"):
+    with pytest.raises(TrackerError, match="another program is using it; close that program"):
         SerialTracker(line.url, settings)
 
 
 def test_ports_that_are_none_are_refused_in_one_line(tmp_path: Path, settings: TrackerRig) -> None:
     plain = tmp_path / "plain.txt"
     plain.write_text("not a port")
-    with pytest.raises(TrackerError, match=r"Could not configure port.*see that it is a serial port"):
+    with pytest.raises(TrackerError, match=r"Could not configure port.*check that it is a working serial port"):
         SerialTracker(str(plain), settings)
     with pytest.raises(TrackerError, match="no such port"):
         SerialTracker(str(tmp_path / "none"), settings)
@@ -382,7 +382,7 @@ def test_spoilt_frames_are_counted(
 
 @pytest.mark.parametrize(
     ("faults", "words"),
-    [(Faults(silent_from=300), "no frame for 200 ms"), (Faults(unplug_at=300), "the port has gone")],
+    [(Faults(silent_from=300), "no frame for 200 ms"), (Faults(unplug_at=300), "the port has disappeared")],
 )
 def test_a_device_that_fails_during_a_step_is_noticed(
     line: SerialLine, tracker: SerialTracker, settings: TrackerRig, faults: Faults, words: str

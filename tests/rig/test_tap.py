@@ -136,7 +136,7 @@ def test_a_card_that_is_interrupted_while_it_waits_to_close_leaves_no_setting_be
 def test_one_that_has_ended_is_told_of_and_can_be_closed(card: SoundCard) -> None:
     tap = Tap(card.name, "system:capture_1", seconds=1.0)
     os.kill(tap.listener.pid, signal.SIGKILL)
-    with pytest.raises(AudioError, match="its listener has ended"):
+    with pytest.raises(AudioError, match="its listener has stopped"):
         tap.since(0)
     tap.close()
 
@@ -146,18 +146,18 @@ def test_one_whose_server_has_ended_does_not_go_on_answering() -> None:
     with killed() as (server, _):
         tap = Tap(server, "system:capture_1", seconds=1.0)
         tap.since(0)
-    with pytest.raises(AudioError, match="its listener has ended"):
+    with pytest.raises(AudioError, match="its listener has stopped"):
         asked_until(10.0, tap)
     tap.close()
 
 
 def test_nothing_listens_to_a_server_that_is_not_there() -> None:
-    with pytest.raises(AudioError, match=r"its listener has ended .*panel.*; start again"):
+    with pytest.raises(AudioError, match=r"its listener has stopped .*panel.*; start again"):
         Tap("palpate-none", "PortAudio:out_1", seconds=1.0)
 
 
 def test_nothing_listens_to_an_output_that_is_not_there(card: SoundCard) -> None:
-    with pytest.raises(AudioError, match=r"its listener has ended .*PortAudio:out_9.*; start again"):
+    with pytest.raises(AudioError, match=r"its listener has stopped .*PortAudio:out_9.*; start again"):
         Tap(card.name, "PortAudio:out_9", seconds=1.0)
 
 

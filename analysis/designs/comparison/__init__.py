@@ -95,7 +95,7 @@ PEOPLE = (
 )  # fmt: skip
 VALUES = (
     Column("of", "material", left=True), Column("value", decimals=2), Column(("low", "high"), "95 % CI", 2),
-    Column("step", "above the one before", 2), Column(("step_low", "step_high"), "95 % CI", 2),
+    Column("step", "above the previous", 2), Column(("step_low", "step_high"), "95 % CI", 2),
 )  # fmt: skip
 FIT = ABOUT["fit"].substitute()
 
@@ -168,11 +168,11 @@ def _overview(study: Study, results: Compared) -> Section:
     found = plan.overview(study, rows, partial(_scale_words, results), (*map(str.title, LAWS), *WORDS))
     by = "" if results.quality == UNNAMED else f" by their {results.quality}"
     about = (
-        f"Pairs of materials were compared{by}. From the least to the most the protocol has "
+        f"Pairs of materials were compared{by}. The protocol's order, from least to most, is "
         f"{', '.join(results.materials)}."
     )
     if not results.ordered:
-        about = f"Pairs of {', '.join(results.materials)} were compared{by}; in the protocol they stand in no order."
+        about = f"Pairs of {', '.join(results.materials)} were compared{by}; the protocol gives them no order."
     first, *rest = found.paragraphs
     return replace(found, paragraphs=(first, about, *rest))
 
@@ -195,9 +195,9 @@ def _answers_section(study: Study, results: Compared, mark: str) -> Section:
                  "also_in": "pairs.csv, scales.csv"}
             )  # fmt: skip
     laws = {scaled.law for task in results.tasks if (scaled := first_scale(task))}
-    of = f", and the step between them on the scale of {joined([AUTHORS[law] for law in sorted(laws)])}" if laws else ""
-    notes = (f"Neighbours in {results.quality}: how often they were told right{of}, with participants as the units.",)
-    table = tabulate("Neighbours", NEIGHBORS, records, notes, standing=mark)
+    of = f", and their step on the {joined([AUTHORS[law] for law in sorted(laws)])} scale" if laws else ""
+    notes = (f"Neighbors in {results.quality}: how often the choice was right{of}, with participants as the unit.",)
+    table = tabulate("Neighbors", NEIGHBORS, records, notes, standing=mark)
     return Section("found", plan.FOUND, tuple(paragraphs), (table,))
 
 
@@ -207,7 +207,7 @@ def _why(missing: Scaled, results: Compared) -> str:
         return missing.statement
     part = [results.materials[place] for place in missing.part]
     others = [name for name in results.materials if name not in part]
-    return f"{joined(part)} and {joined(others)} were never compared with one another"
+    return f"{joined(part)} and {joined(others)} were never compared with each other"
 
 
 def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
@@ -217,7 +217,7 @@ def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
     shares = [one.right.value for one in task.people if one.right.value is not None]
     yield f"{task.task.title} ({people})."
     if trials and results.ordered:
-        among = f", from {100 * min(shares):.0f} to {100 * max(shares):.0f} % among them" if len(shares) > 1 else ""
+        among = f"; {100 * min(shares):.0f} to {100 * max(shares):.0f} % across participants" if len(shares) > 1 else ""
         yield (
             f"The sample with {more(results)} was named in {right} of {trials} trials with two materials "
             f"({100 * right / trials:.0f} %{among})."
@@ -233,7 +233,7 @@ def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
     if same.interval is not None:
         limits = f"{100 * same.interval.low:.0f} to {100 * same.interval.high:.0f}"
         share = f"{100 * same.count / same.trials:.0f} %"
-        yield f"Of two samples of one material the first was named in {share} ({limits})."
+        yield f"When both samples were of the same material, the first was named in {share} ({limits})."
 
 
 def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
@@ -242,7 +242,7 @@ def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
     told = [(f"{names[place + 1]} above {names[place]}", step) for place, step in enumerate(scaled.steps)]
     known = [(name, step) for name, step in told if step.low is not None and step.high is not None]
     if not known:
-        yield f"The scale of {AUTHORS[scaled.law]} has no intervals, for which it takes several participants."
+        yield f"The {AUTHORS[scaled.law]} scale has no intervals, because these need several participants."
         return
     groups: dict[str, list[str]] = {}
     if not results.ordered or (len(known) > FEW and any(_side(step) == "below" for _, step in known)):
@@ -251,9 +251,9 @@ def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
     for name, step in known:
         groups.setdefault(_side(step), []).append(f"{name} ({number(step.value, 2)}, {interval(step, 2)})")
     said = {
-        "above": "On the scale of {} the order is shown for {}.",
-        "below": "Against the order assumed on the scale of {} is {}.",
-        "not": "On the scale of {} no difference is shown for {}.",
+        "above": "On the {} scale, the assumed order is shown for {}.",
+        "below": "On the {} scale, the reverse order is shown for {}.",
+        "not": "On the {} scale, no difference is shown for {}.",
     }
     for side, sentence in said.items():
         if side in groups:
@@ -264,7 +264,7 @@ def _in_order(scaled: Scaled, results: Compared) -> str:
     """Return where each material lies, of those that stand in no order, or many in another than was assumed."""
     rising = sorted(zip(results.materials, scaled.values, strict=True), key=lambda one: one[1].value or 0.0)
     where = joined([f"{name} ({number(one.value, 2)}, {interval(one, 2)})" for name, one in rising])
-    return f"From low to high on the scale of {AUTHORS[scaled.law]}, 0 their mean: {where}."
+    return f"From low to high on the {AUTHORS[scaled.law]} scale (mean 0): {where}."
 
 
 def _side(step: Estimate) -> str:
@@ -279,18 +279,18 @@ def _scale_words(results: Compared, test: PlannedTest) -> str:
     said = []
     if test.test in WORDS:
         said = [WORDS[test.test](one) for one in results.tasks if one.task.id in test.tasks]
-        return "; ".join(said) or "not run: no trial"
+        return "; ".join(said) or "not run: no trials"
     for task in test.tasks:
         found = next((one for one in results.tasks if one.task.id == task), None)
         scale = next((one for one in found.scales if one.law == test.test.lower()), None) if found else None
         if found is None:
-            said.append(f"{task} not run: no trial")
+            said.append(f"{task} not run: no trials")
         elif scale is None:
-            said.append(f"{task} not run: the answers of the study ask for another scale")
+            said.append(f"{task} not run: the study's answers need another scale")
         elif scale.scale is None:
-            said.append(f"{task} run, and it has no scale: {_why(scale, results)}")
+            said.append(f"{task} run without a scale: {_why(scale, results)}")
         else:
-            said.append(f"{task} run: the scale stands in its table")
+            said.append(f"{task} run: its table has the scale")
     return "; ".join(said)
 
 
@@ -315,15 +315,15 @@ def _matrix(results: Compared, task: TaskComparisons) -> Table:
     each = sorted({pair.right.trials for pair in task.pairs})
     between = f"{each[0]} to {each[-1]}" if len(each) > 1 else f"{each[0]}"
     notes = [
-        f"A cell says how often the row was named as having {more(results)} than the column, and on the "
-        "diagonal how often the first was named."
+        f"A cell shows how often the row was named as having {more(results)} than the column. The diagonal shows how "
+        "often the first sample was named."
     ]
-    notes += [f"A cell is of {between} trials, by {plural(len(task.participants), 'participant')} together."]
+    notes += [f"Each cell has {between} trials, pooled across {plural(len(task.participants), 'participant')}."]
     if ties := sum(pair.ties for pair in task.pairs):
-        for_nobody = " and are right for nobody" if results.ordered else ", and neither was named"
+        for_nobody = " without a right choice" if results.ordered else ", and neither was named"
         notes.append(f"{plural(ties, 'trial')} ended in a tie; these count as trials{for_nobody}.")
     if task.unanswered:
-        notes.append(f"{plural(task.unanswered, 'trial')} without an answer count nowhere.")
+        notes.append(f"Not counted: {plural(task.unanswered, 'trial')} without an answer.")
     neighbors = range(len(results.materials) if results.ordered else 0)
     same = frozenset((place, place + 1) for place in neighbors)
     title = f"{task.task.title}: percent {'right' if results.ordered else 'named'} (95 % CI)"
@@ -335,11 +335,11 @@ def _in_print(study: Study, results: Compared, tasks: list[TaskComparisons]) -> 
     """Return the printed percentages beside those of the dataset."""
     found = [(task, task.in_print) for task in tasks if task.in_print is not None]
     about = (
-        "The paper prints neither counts nor intervals, and does not say what the cells of a material with itself "
-        "count; they stand here beside the choices of the one presented first."
+        "The paper prints neither counts nor intervals, and does not explain the cells that compare a material with "
+        "itself. These cells are shown next to how often the first sample was chosen."
     )
     if study.label:
-        about += f" This dataset is a {study.origin}: its answers say nothing of the paper's participants."
+        about += f" This dataset is a {study.origin}: its answers are not evidence about the paper's participants."
     tables = []
     for task, table in found:
         records: list[Record] = [
@@ -348,18 +348,18 @@ def _in_print(study: Study, results: Compared, tasks: list[TaskComparisons]) -> 
             for cell in table.cells
         ]  # fmt: skip
         note = (
-            f"Pearson's r over the {len(table.cells)} cells is {number(table.r)}, and over those of two materials "
-            f"{number(table.r_of_two)}."
+            f"Pearson's r is {number(table.r)} across the {len(table.cells)} cells, and {number(table.r_of_two)} "
+            "across those of two materials."
         )
         title = f"{task.task.title}: {table.where} of the paper"
         tables.append(tabulate(title, BESIDE_PRINT, records, [note], in_print={"printed"}))
-    return Section("printed", "Beside the printed percentages", (about,), tuple(tables))
+    return Section("printed", "Comparison with the printed percentages", (about,), tuple(tables))
 
 
 def _bias(results: Compared) -> Section:
     about = (
-        "Where both samples are of one material, nothing but chance and a leaning to the first or second place can "
-        "tell them apart."
+        "If both samples are of the same material, the choice can depend only on chance and on a bias toward the "
+        "first or second sample."
     )
     paragraphs = [about]
     tables = []
@@ -367,8 +367,8 @@ def _bias(results: Compared) -> Section:
         of = task.first_of_same
         if of.trials:
             paragraphs.append(
-                f"In {task.task.id} the first was named in {of.count} of {of.trials} such trials: {_with_interval(of)} "
-                "percent (95 % CI, all trials taken as independent)."
+                f"In {task.task.id}, the first was named in {of.count} of {of.trials} such trials: "
+                f"{_with_interval(of)} percent (95 % CI, treating all trials as independent)."
             )
         records: list[Record] = [
             {"task": task.task.id, "participant": f"sub-{one.participant}", "right": one.right.count,
@@ -382,7 +382,7 @@ def _bias(results: Compared) -> Section:
         if not results.ordered:
             records = list(without_keys(records, {"right", "trials_of_two", "share_right"}))
         tables.append(tabulate(title, columns, records, in_print={"share_right", "share_first"}))
-    return Section("bias", "Bias to the first, and each participant", tuple(paragraphs), tuple(tables))
+    return Section("bias", "Bias toward the first, and each participant", tuple(paragraphs), tuple(tables))
 
 
 def _scales(results: Compared, stands: plan.Standing) -> Section:
@@ -392,7 +392,7 @@ def _scales(results: Compared, stands: plan.Standing) -> Section:
     for task in results.tasks:
         for one in task.scales:
             if one.scale is None:
-                paragraphs.append(f"{task.task.id}: there is no scale of {LAWS[one.law][0]}: {_why(one, results)}.")
+                paragraphs.append(f"{task.task.id}: there is no scale ({LAWS[one.law][0]}): {_why(one, results)}.")
                 continue
             mark = stands.mark(one.law.title(), task.task.id)
             tables.append(_scale(results, task, one, mark))
@@ -410,9 +410,9 @@ def _scale(results: Compared, task: TaskComparisons, one: Scaled, standing: str)
     records = [{**value, **step} for value, step in zip(values, steps, strict=False)]
     notes = []
     if one.order is not None:
-        notes.append(f"Being presented first adds {number(one.order.value, 2)} ({interval(one.order, 2)}).")
+        notes.append(f"Being presented first adds {number(one.order.value, 2)} ({interval(one.order, 2)}) to a value.")
     if one.scale is not None and one.scale.tie is not None:
-        notes.append(f"The logarithm of the odds of a tie between two equals is {number(one.scale.tie, 2)}.")
+        notes.append(f"The log odds of a tie between two equal materials are {number(one.scale.tie, 2)}.")
     if one.scale is not None and one.scale.reduced:
         notes.append(REDUCED)
     if one.scale is not None and one.p is not None:

@@ -12,8 +12,8 @@ from palpate.analysis.documents.tables import Column, Record, Section, ends, int
 from palpate.analysis.report.plan import Standing
 
 REDUCED = (
-    "Some choices never varied, so no finite scale is the most likely one. This scale is bias-reduced (Firth 1993): "
-    "its longest steps are cautious."
+    "Some choices never varied, so the maximum-likelihood scale is infinite. This scale is bias-reduced (Firth 1993), "
+    "so its longest steps are conservative."
 )
 
 BY_FACTOR = (
@@ -37,15 +37,15 @@ FACTORS, DELAYS, CROSSOVER = "factors", "delays", "crossover"
 def _factor_words(task: TaskComparisons) -> str:
     """Return in a sentence what a doubling of each factor adds, and which of the first two adds more."""
     if (found := task.factors) is None:
-        return "the protocol has no two factors, nor states two numbers that vary over all stimuli."
+        return "the protocol has neither two factors nor two stated numbers that vary across stimuli."
     if not found.factors:
-        return f"no scale by factors: {found.statement}."
+        return f"there is no scale of factors: {found.statement}."
     each = [f"{_change(of)} adds {_adds(of.doubling or of.across)}" for of in found.factors]
     said = f"in logits, {', '.join(each)}"
     if found.apart is None:
         return f"{said}."
     one, other = (_quantity(of.name) for of in found.factors[:2])
-    return f"{said}; a doubling of {one} adds {_adds(found.apart)} more than of {other}."
+    return f"{said}; a doubling of {one} adds {_adds(found.apart)} more than one of {other}."
 
 
 def _change(of: Factor) -> str:
@@ -77,13 +77,13 @@ def factors(results: Compared, stands: Standing) -> tuple[Section, ...]:
             for level, one in zip(of.levels, of.effects, strict=True)
         ]  # fmt: skip
         notes = [
-            "In logits, from the lowest level of each factor; a doubling and the whole range are by a line in octaves, "
-            "or, where a level is 0 or below, in the level itself. Intervals are over participants."
+            "In logits, relative to each factor's lowest level. Effects of doubling and of the whole range come from a "
+            "line in octaves, or in the level itself if any is 0 or below. Intervals are across participants."
         ]
         if found.p is not None:
             notes.append(
-                f"The scale of all materials fits better than the sum of factors with {p_is(found.p)}, as if answers "
-                "were independent."
+                f"A separate value for each material fits better than the sum of factors ({p_is(found.p)}, treating "
+                "answers as independent)."
             )
         notes += filter(None, (REDUCED if found.reduced else "", found.statement))
         title, mark = f"{task.task.title}: by factor", stands.mark(FACTORS, task.task.id)
@@ -97,9 +97,9 @@ def factors(results: Compared, stands: Standing) -> tuple[Section, ...]:
 def _delay_words(task: TaskComparisons) -> str:
     """Return in sentences what a vibration further from the touch adds, and which delay is just noticed."""
     if (found := task.delays) is None:
-        return "the protocol states no delays that differ."
+        return "the protocol does not state different delays."
     if not found.sides:
-        return f"no scale by delay: {found.statement}."
+        return f"there is no scale of delays: {found.statement}."
     return " ".join(map(_side_words, found.sides))
 
 
@@ -107,7 +107,7 @@ def _side_words(side: Side) -> str:
     name = "earlier" if side.early else "later"
     said = f"{STEP_MS:g} ms {name} adds {number(side.slope.value, 2)} logits ({interval(side.slope, 2)})"
     if side.noticed_high_ms is None or side.noticed_ms is None or side.noticed_low_ms is None:
-        return f"{said}, so that no delay of these is surely noticed."
+        return f"{said}; no just noticeable delay can be determined."
     within = f"{side.noticed_low_ms:.0f} to {side.noticed_high_ms:.0f} ms"
     return f"{said}; {side.noticed_ms:.0f} ms {name} is just noticed (95 % CI {within})."
 
@@ -121,11 +121,11 @@ def delays(results: Compared, stands: Standing) -> tuple[Section, ...]:
             {"task": task.task.id, "delay_ms": delay_ms, "value": one.value, **ends(one)}
             for delay_ms, one in zip(found.delays_ms, found.effects, strict=True)
         ]
-        notes = ["In logits, from the delay nearest the touch. Intervals are over participants."]
+        notes = ["In logits, relative to the delay nearest the touch. Intervals are across participants."]
         if found.p is not None:
             notes.append(
-                "The scale of all delays fits better than a line on either side of the touch with "
-                f"{p_is(found.p)}, as if answers were independent."
+                "A separate value for each delay fits better than a line on each side of the touch "
+                f"({p_is(found.p)}, treating answers as independent)."
             )
         notes += filter(None, (REDUCED if found.reduced else "", found.statement))
         mark = stands.mark(DELAYS, task.task.id)
@@ -139,14 +139,14 @@ def delays(results: Compared, stands: Standing) -> tuple[Section, ...]:
 def _crossover_words(task: TaskComparisons) -> str:
     """Return in a sentence which crossover is best, and how sure that is."""
     if (found := task.crossover) is None:
-        return "the protocol states no three crossovers that differ."
+        return "the protocol states fewer than three different crossovers."
     if (bend := found.bend) is None:
-        return f"no scale by crossover: {found.statement}."
-    bent = f"one octave beside its top a parabola lies {number(bend.value, 2)} logits lower ({interval(bend, 2)})"
+        return f"there is no scale of crossovers: {found.statement}."
+    bent = f"the fitted parabola falls {number(bend.value, 2)} logits ({interval(bend, 2)}) one octave from its peak"
     if found.best_hz is None:
-        return f"{bent}; no crossover among these is the best."
+        return f"{bent}; none of these crossovers is best."
     if found.best_low_hz is None and found.best_high_hz is None:
-        return f"{bent}; its top lies at {found.best_hz:.3g} Hz, which no interval holds."
+        return f"{bent}; its peak is at {found.best_hz:.3g} Hz, without an interval."
     low, high = ("open" if end is None else f"{end:.3g}" for end in (found.best_low_hz, found.best_high_hz))
     return f"{found.best_hz:.3g} Hz is best (95 % CI {low} to {high} Hz); {bent}."
 
@@ -160,11 +160,11 @@ def crossovers(results: Compared, stands: Standing) -> tuple[Section, ...]:
             {"task": task.task.id, "crossover_hz": hz, "value": one.value, **ends(one)}
             for hz, one in zip(found.crossovers_hz, found.effects, strict=True)
         ]
-        notes = ["In logits, from the lowest crossover. Intervals are over participants."]
+        notes = ["In logits, relative to the lowest crossover. Intervals are across participants."]
         if found.p is not None:
             notes.append(
-                f"The scale of all crossovers fits better than a parabola over octaves with {p_is(found.p)}, as if "
-                "answers were independent."
+                f"A separate value for each crossover fits better than a parabola in octaves ({p_is(found.p)}, "
+                "treating answers as independent)."
             )
         notes += filter(None, (REDUCED if found.reduced else "", found.statement))
         mark = stands.mark(CROSSOVER, task.task.id)

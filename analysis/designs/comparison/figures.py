@@ -38,9 +38,9 @@ def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[drawing.
             if len(results.tasks) == 1 and not titles:
                 axes.set_title("")
         said = (
-            f"Percent of {shares.lower()} of each pair in {_people(tasks)}, from 0 (white) to 100 (dark): how often "
-            f"the row was named as having {more(results)} than the column. On the diagonal, where both samples were "
-            "of one material, how often the first was named: 50 by guessing. Intervals stand in the table."
+            f"Percentage of {shares.lower()} for each pair in {_people(tasks)}, from 0 (white) to 100 (dark): how "
+            f"often the row was named as having {more(results)} than the column. The diagonal, where both samples "
+            "were of one material, shows how often the first was named (guessing: 50). Intervals are in the table."
         )
         yield drawing.Sheet(f"{shares.lower().replace(' ', '-')}{page}", "answers", said, figure)
     shown = [(task, one) for task in results.tasks for one in task.scales if one.scale is not None]
@@ -52,8 +52,8 @@ def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[drawing.
             if len(results.tasks) == 1 and not titles:
                 axes.set_title("")
         said = (
-            f"Scales of {results.quality} in {_people([task for task, _ in scaled])}. Whiskers are intervals of 95 % "
-            "with participants as the units, where there are several; 0 is the mean of the materials."
+            f"Scales of {results.quality} in {_people([task for task, _ in scaled])}. Whiskers are 95 % intervals "
+            "across participants, if there are several; 0 is the mean of the materials."
         )
         yield drawing.Sheet(f"scales{page}", "scales", said, figure)
 

@@ -148,16 +148,16 @@ FORCE = (
 )  # fmt: skip
 
 ABOUT = (
-    "The force that was sent, of participants analysed, against the block's law on the place that was recorded: rms "
-    "of the difference along the normal, in percent of the rms of the law within the limit of force. Each cause stands "
-    "beside those before it: the law held from cycle to cycle; what the servo asked for, with its observer, noise and "
-    "counts; what was sent; and that beside the law without a limit. What a device does with a force is not on record. "
-    "`palpate plan` has what is to be expected; `tests/README.md` of its repository shows how to compute the table "
-    "with another program."
+    "This table compares the force that was sent with the block's force law at the recorded position, for analyzed "
+    "participants: the rms difference along the normal, as a percentage of the rms of the law within the force "
+    "limit. Each column adds one cause: the law held constant within a cycle; the servo's request, with its "
+    "observer, noise and counts; the force sent; and the force sent against the law without a limit. The force that "
+    "the device produced was not recorded. `palpate plan` shows the expected values; `tests/README.md` in palpate's "
+    "repository shows how to compute the table with another program."
 )
 
 
-NOISE = "± is what noise of the place leaves in the law."
+NOISE = "± is the uncertainty of the law from position noise."
 
 
 def force_sections(study: Study) -> tuple[Section, ...]:
@@ -174,8 +174,8 @@ def force_sections(study: Study) -> tuple[Section, ...]:
             records.append(_record(task.id, len(found), total, sum(lost for _, lost in found)))
     if not records:
         return ()
-    table = tabulate("Force that was sent, by task", FORCE, records, (NOISE,))
-    return (Section("force", "The force that was sent", (ABOUT,), (table,)),)
+    table = tabulate("Force sent, by task", FORCE, records, (NOISE,))
+    return (Section("force", "The force sent", (ABOUT,), (table,)),)
 
 
 def _record(task: str, recordings: int, sums: Sums, lost: int) -> Record:

@@ -39,7 +39,7 @@ LAWS = {
 }
 """The name of each law, and more about it. A protocol writes the same name with capitals, as `str.title` gives it."""
 
-AUTHORS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
+AUTHORS = {"bradley-terry": "Bradley-Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
 """Whose law each one is, in a sentence."""
 
 UNNAMED = "what was compared"
@@ -213,7 +213,7 @@ def compute(study: Study, printed: Published | None = None) -> Compared:
     """
     if strange := {answer for one in study.designs.values() for answer in one.answers} - set(CHOSEN):
         got = f"got the answers {', '.join(sorted(strange))}"
-        raise DatasetError(f"study {study.id}", got, "make the dataset again", allowed=", ".join(CHOSEN))
+        raise DatasetError(f"study {study.id}", got, "rebuild the dataset", allowed=", ".join(CHOSEN))
     protocols = [part.protocol.find(Comparison) for part in study.parts if part.protocol]
     quality = next((one.quality for one in protocols if one is not None), UNNAMED)
     tasks = tuple(_task(study, task, printed) for task in study.tasks if len(study.trials(task.id)))

@@ -28,8 +28,8 @@ def each(results: Compared, mark: str) -> Table:
             )  # fmt: skip
         records += sorted(rows, key=lambda row: -(row["share"] or 0.0))
     laws = {str(row["law"]) for row in records if row["law"]}
-    scale = f", and its value on the scale of {joined([AUTHORS[law] for law in sorted(laws)])}" if laws else ""
-    notes = (f"How often each was named of two materials{scale}, with participants as the units.",)
+    scale = f", and its value on the {joined([AUTHORS[law] for law in sorted(laws)])} scale" if laws else ""
+    notes = (f"How often each material was chosen in a pair{scale}, with participants as the unit.",)
     return tabulate("Materials", EACH, records, notes, standing=mark)
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 THRESHOLD, SENSITIVITY = "threshold", "sensitivity"
 """The tests that a protocol may plan."""
 
-QUESTIONS = {THRESHOLD: "From which level on is a signal felt?", SENSITIVITY: "How large is d'?"}
+QUESTIONS = {THRESHOLD: "At what level is a signal felt?", SENSITIVITY: "How large is d'?"}
 """What a test asks where no protocol words it."""
 
 ENOUGH = 10
@@ -65,8 +65,8 @@ STEPS = (
 
 FORMULA = {
     "yes or no": "d' = z(hits) - z(false alarms), false alarms from catch trials",
-    "two intervals": 'd\' = (z(hits) - z(false alarms)) / √2, which is √2 z(right) without a bias; a hit is "first" '
-    'where it was the first, a false alarm "first" where it was the second',
+    "two intervals": "d' = (z(hits) - z(false alarms)) / √2, which is √2 z(right) without a bias; a hit is "
+    '"first" when the signal was first, a false alarm is "first" when it was second',
 }
 """The decision rule of d', in words."""
 
@@ -89,7 +89,7 @@ def sections(study: Study, found: Detections, printed: Published | None, _: Sect
     return (
         _answers(study, found, stands),
         _overview(study, found),
-        Section("procedure", "How levels, thresholds and d' came about", tuple(_procedure(study, found))),
+        Section("procedure", "How levels, thresholds and d' were determined", tuple(_procedure(study, found))),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
 
@@ -123,8 +123,8 @@ def _answer(test: str, task: TaskDetections) -> str:
             return f"{task.task.id}: {'; '.join(of)}."
         known = [one.d.d for track in task.tracks for one in track.by_level if one.d and one.trials >= ENOUGH]
         if not known:
-            return f"{task.task.id}: no d' of {ENOUGH} trials or more at a level."
-        return f"{task.task.id}: d' goes from {min(known):.2f} to {max(known):.2f} over participants and levels."
+            return f"{task.task.id}: no level has enough trials for d' ({ENOUGH})."
+        return f"{task.task.id}: d' ranges from {min(known):.2f} to {max(known):.2f} across participants and levels."
     words = "; ".join(map(_threshold_words, task.thresholds))
     return f"{task.task.id}: {words or 'no answer to a signal'}."
 
@@ -133,9 +133,9 @@ def _open(found: Detections, tasks: Sequence[str]) -> tuple[str, ...]:
     """Return a warning if the answers leave thresholds open, or nothing."""
     tracks = [one for task in found.tasks if task.task.id in tasks for one in task.tracks]
     names = [_name(one) for one in tracks if one.fit and one.fit.at_bound and not one.beyond]
-    told = f"the answers of {', '.join(names)} leave the fitted threshold open on one side."
+    told = f"the answers of {', '.join(names)} bound the fitted threshold on one side only."
     beyond = [f"{_name(one)} {one.beyond}" for one in tracks if one.beyond]
-    missed = f"the threshold is not among the levels of {', '.join(beyond)}: it is in no mean."
+    missed = f"the threshold is outside the range of levels and excluded from all means: {', '.join(beyond)}."
     return (*((told,) if names else ()), *((missed,) if beyond else ()))
 
 
@@ -169,11 +169,11 @@ def _overview(study: Study, found: Detections) -> Section:
 
     def done(test: PlannedTest) -> str:
         of = [_answer(test.test, task) for task in found.tasks if task.task.id in test.tasks]
-        return " ".join(of) or "not run: no trial"
+        return " ".join(of) or "not run: no trials"
 
     section = plan.overview(study, rows, done, (THRESHOLD, SENSITIVITY))
     times = [
-        f"In {task.task.id} the median response time was {task.response_time_s:.2f} s."
+        f"In {task.task.id}, the median response time was {task.response_time_s:.2f} s."
         for task in found.tasks
         if task.response_time_s is not None
     ]
@@ -189,24 +189,24 @@ def _procedure(study: Study, found: Detections) -> Iterator[str]:
             yield f"In {task.task.title}, {_rule(levels)}."
         if beyond := [one for one in task.tracks if one.beyond]:
             where = " or ".join(dict.fromkeys(one.beyond for one in beyond))
-            told = f"{len(beyond)} of {plural(len(task.tracks), 'track')} stayed at an end of the levels"
-            yield f"{told}, with a threshold {where}, which is in no mean."
+            told = f"{len(beyond)} of {plural(len(task.tracks), 'track')} stayed at one end of the range of levels"
+            yield f"{told}; their thresholds are {where} and excluded from all means."
     yield (
-        "Cumulative normal functions of the level in dB were fitted to each participant's answers, with lapses of "
-        "Beta(1, 10): medians and central 95 % of the posterior (Schuett et al. 2016)."
+        "Cumulative normal functions of the level in dB were fitted to each participant's answers, with a Beta(1, 10) "
+        "prior for lapses. Values are medians and central 95 % intervals of the posterior (Schuett et al. 2016)."
     )
     trials = {one.trials for task in found.tasks for one in task.catches}
     if found.rule == "two intervals":
-        yield "Half of the answers were taken to be right without a signal."
+        yield "The fit assumed a guessing rate of one half."
     elif trials:
         count = str(min(trials)) if len(trials) == 1 else f"{min(trials)} to {max(trials)}"
         yield (
-            f"The share of yes without a signal was each participant's in {count} catch trials, taken as exact; its "
-            "95 % limits (Clopper and Pearson) stand beside it."
+            f"The false-alarm rate is that of each participant in {count} catch trials and is treated as exact; its "
+            "95 % limits (Clopper-Pearson) are in the same table."
         )
     else:
-        yield "Without catch trials no yes was taken to be one without a signal."
-    yield f"By the rule {found.rule}, {FORMULA[found.rule]} (Macmillan and Creelman 2005), at each level by itself."
+        yield "There were no catch trials, so the fit assumed no false alarms."
+    yield f"For {found.rule}, {FORMULA[found.rule]} (Macmillan and Creelman 2005), separately at each level."
 
 
 def _rule(levels: Levels | None) -> str:
@@ -214,21 +214,21 @@ def _rule(levels: Levels | None) -> str:
     if levels is None:
         return "every signal had one level"
     if levels.method == "constant":
-        return f"levels were constant stimuli: each of {len(levels.grid)} as often as any other, drawn beforehand"
+        return f"levels were constant stimuli: {len(levels.grid)} levels, equally often, in a predetermined order"
     if levels.down is not None:
         up = levels.up or 1
         share = (up / (up + 1)) ** (1 / levels.down)
         source = "Levitt 1971" if up == 1 else "Kaernbach 1991"
         steps = f", with steps of {', then '.join(map(str, levels.steps))} levels" if levels.steps else ""
         kind = (
-            f"a staircase of {levels.down} down and 1 up"
+            f"a {levels.down}-down, 1-up staircase"
             if up == 1
-            else f"a weighted staircase, lowered a step by {plural(levels.down, 'right answer')} in a row and raised "
-            f"{up} by a wrong one"
+            else f"a weighted staircase, lowered a step after {plural(levels.down, 'right answer')} in a row and "
+            f"raised {up} after a wrong answer"
         )
         return (
-            f"levels followed {kind}{steps} ({source}), which settles where "
-            f"{share:.1%} are right, and ended after {plural(levels.reversals or 0, 'reversal')} at the latest"
+            f"levels followed {kind}{steps} ({source}), which converges at "
+            f"{share:.1%} correct, and ended after {plural(levels.reversals or 0, 'reversal')} at the latest"
         )
     return {
         "quest-plus": "levels were chosen by QUEST+ (Watson 2017)",
@@ -246,9 +246,9 @@ def _thresholds(found: Detections) -> Section:
         if of is not None
     ]  # fmt: skip
     notes = [
-        "Means of the participants' thresholds, dB above level 1; SD and interval are over participants. m/s² is the "
-        "peak at the mean. A fit is at half of what is neither guessed nor missed; the rule of the levels has its own "
-        "share of right answers."
+        "Means of the participants' thresholds, dB above level 1; SD and interval are across participants. m/s² is "
+        "the peak at the mean. A fitted threshold is halfway between guessing and the lapse limit; the rule of the "
+        "levels has its own proportion correct."
     ]
     return Section("thresholds", "Thresholds", (), (tabulate("Mean thresholds", OVER, records, notes),))
 
@@ -259,11 +259,11 @@ def _tracks(found: Detections) -> Section:
         for task in found.tasks
         for one in task.tracks
     ]
-    notes = ("Interval of the posterior, 95 %. The rule of the levels: mean and SD of reversals, or of the posterior.",)
+    notes = ("Fit: 95 % interval of the posterior. Rule of levels: mean and SD of the reversals or of the posterior.",)
     table = tabulate("Thresholds of each participant", TRACKS, records, notes)
     said = tuple(
         f"{task.task.id}: {sum(one.false_alarms for one in task.catches)} of "
-        f"{plural(sum(one.trials for one in task.catches), 'catch trial')} were a yes."
+        f"{plural(sum(one.trials for one in task.catches), 'catch trial')} were answered yes."
         for task in found.tasks
         if task.catches
     )
@@ -272,7 +272,7 @@ def _tracks(found: Detections) -> Section:
 
 def _doubt(of: Track) -> str:
     """Return why a track has no threshold, or why that is doubtful, or nothing."""
-    is_open = "the answers leave the threshold open on one side" if of.fit and of.fit.at_bound else ""
+    is_open = "the answers bound the threshold on one side only" if of.fit and of.fit.at_bound else ""
     return "; ".join(filter(None, (of.estimate.statement, of.statement, "" if of.beyond else is_open)))
 
 
@@ -290,8 +290,8 @@ def _d_primes(found: Detections, least: int) -> list[Record]:
 
 
 def _sensitivity(found: Detections) -> Section:
-    said = f"By the rule {found.rule}: {FORMULA[found.rule]}; c is -(z(hits) + z(false alarms)) / 2."
-    notes = (f"At levels with {ENOUGH} trials or more; d-prime.csv has every level.",)
+    said = f"For {found.rule}: {FORMULA[found.rule]}; c is -(z(hits) + z(false alarms)) / 2."
+    notes = (f"The table shows levels with {ENOUGH} or more trials; d-prime.csv has every level.",)
     table = tabulate("d' of each participant", D_PRIMES, _d_primes(found, ENOUGH), notes)
     return Section("sensitivity", "d'", (said,), (table,))
 

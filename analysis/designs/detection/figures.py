@@ -28,15 +28,15 @@ def _sheets(found: Detections, label: str, *, titles: bool) -> Iterator[drawing.
             "tracks",
             "tracks",
             _track,
-            "Levels of each trial, dB above level 1: filled where the answer was right, open where wrong, with a ring "
-            "where the track turned. The line is the threshold by the rule of the levels, the band the 95 % "
-            "interval of the fitted one.",
+            "Level of each trial, dB above level 1: filled if the answer was right, open if wrong, with a ring "
+            "at reversals. The line is the threshold by the rule of the levels; the band is the 95 % "
+            "interval of the fitted threshold.",
         ),
         (
             "functions",
             "thresholds",
             _function,
-            "Shares of right answers by level, dB above level 1, larger for more trials, and the fitted psychometric "
+            "Proportion correct by level, dB above level 1 (larger symbols: more trials), and the fitted psychometric "
             "function. The band is the 95 % interval of the threshold.",
         ),
     ):

@@ -31,12 +31,12 @@ COLUMNS = (
 )  # fmt: skip
 
 NOTE = (
-    "Geometric means of the participants' thresholds, rms of the sinusoid between its ramps, by the posterior of the "
-    "levels or else by the fit; interval and SD are over participants, each with the mean of their signals of that "
-    "frequency. Those whose track stayed below or above the levels are counted beside them and are in no mean; with a "
-    "sign, the value is beyond the one shown. The lowest limit is the least lower limit of "
-    "any participant's 95 %: thresholds.csv of palpate export has it of each as floor_rms_m_s2, and a footstep "
-    "protocol can name that file as its floor."
+    "Geometric means of the participants' thresholds: rms of the sinusoid between its ramps, from the posterior of "
+    "the levels or, without one, from the fit. Interval and SD are across participants, with one mean per "
+    "participant of the signals at that frequency. Participants whose threshold is below or above all levels are "
+    "counted separately and excluded from the means; a < or > sign marks a value beyond the level shown. The lowest "
+    "limit is the lowest of the participants' lower 95 % limits. `palpate export` writes these limits to "
+    "thresholds.csv (floor_rms_m_s2), and a footstep protocol can name that file as its floor."
 )
 
 
@@ -110,8 +110,8 @@ def sheets(found: Detections, label: str, *, titles: bool) -> Iterator[drawing.S
         _draw(axes, of)
         axes.set_title(drawing.short(task.task.title, 50))
         said = (
-            "Thresholds by frequency, rms: each participant (thin), and the geometric mean with its 95 % interval over "
-            "participants."
+            "Thresholds by frequency, rms: each participant (thin), and the geometric mean with its 95 % interval "
+            "across participants."
         )
         name = f"frequencies-{place + 1}" if place else "frequencies"
         yield drawing.Sheet(name, "frequencies" if place else "answers", said, figure)

@@ -236,11 +236,11 @@ def compute(study: Study) -> Detections:
     """Return every result of a study of detection. Raises `DatasetError` without a protocol, or with several."""
     known = [own for part in study.parts if part.protocol is not None and (own := part.protocol.find(Detection))]
     if len(known) < len(study.parts):
-        got, remedy = "got a dataset without its protocol", "restore sourcedata/protocol.toml"
-        raise DatasetError(f"study {study.id}", got, remedy, allowed="one that says what the blank is")
+        got, remedy = "got a dataset that lacks its protocol", "restore sourcedata/protocol.toml"
+        raise DatasetError(f"study {study.id}", got, remedy, allowed="a protocol that defines the blank")
     if len({(one.intervals, one.blank) for one in known}) > 1:
-        got = "got datasets of different intervals or blanks"
-        raise DatasetError(f"study {study.id}", got, "analyse each by itself", allowed="the same in [detection]")
+        got = "got datasets with different intervals or blanks"
+        raise DatasetError(f"study {study.id}", got, "analyze each separately", allowed="the same in [detection]")
     own = known[0]
     tasks = tuple(_task(study, task, own) for task in study.tasks if len(study.trials(task.id)))
     return Detections(study.materials, own.blank, RULES[own.intervals], tasks)
@@ -328,7 +328,7 @@ def _track(rows: pd.DataFrame, caught: Catches, signal: str, protocol: Protocol,
     fitted, statement, at_share = None, "", None
     try:
         if guess == 1:
-            raise NotDefined("a psychometric function needs a catch trial that is no yes")
+            raise NotDefined("a psychometric function needs a catch trial that was not answered yes")
         counts = np.array([(one.x_db, one.right, one.trials) for one in by_level]).T
         fitted = fit(*counts, guess=guess)
         at_share = _where(fitted, estimate.share)

@@ -46,8 +46,8 @@ MEANS, AGREEMENT, POWER = "mean ratings", "agreement of ratings", "power law"
 
 QUESTIONS = {
     MEANS: "Do the materials differ in {}?",
-    AGREEMENT: "How far do participants agree on {}?",
-    POWER: "By which power does {} grow?",
+    AGREEMENT: "How well do participants agree on {}?",
+    POWER: "With what exponent does {} grow?",
 }
 """What a test asks where no protocol words it."""
 
@@ -125,7 +125,7 @@ def _answer(test: str, task: TaskRatings) -> str:
     if test == AGREEMENT:
         one = _form(task, "ICC(A,1)")
         limits = span(one.low, one.high, 2)
-        return f"{name}: ICC(A,1) = {number(one.value, 2)} ({limits}) by {task.icc.raters} participants."
+        return f"{name}: ICC(A,1) = {number(one.value, 2)} ({limits}) from {task.icc.raters} participants."
     return f"{name}: {_f(task)}; {_extremes(task)}."
 
 
@@ -143,7 +143,7 @@ def _f(task: TaskRatings) -> str:
 def _extremes(task: TaskRatings) -> str:
     known = sorted((one.mean.value, one.material) for one in task.rated if one.mean)
     (least, low), (most, high) = known[0], known[-1]
-    return f"mean ratings go from {number(least, 2)} ({low}) to {number(most, 2)} ({high})"
+    return f"mean ratings range from {number(least, 2)} ({low}) to {number(most, 2)} ({high})"
 
 
 def _overview(study: Study, found: Ratings) -> Section:
@@ -156,13 +156,13 @@ def _overview(study: Study, found: Ratings) -> Section:
     def done(test: PlannedTest) -> str:
         return (
             " ".join(_answer(test.test, task) for task in found.tasks if task.task.id in test.tasks)
-            or "not run: no trial"
+            or "not run: no trials"
         )
 
     section = plan.overview(study, rows, done, (AGREEMENT, POWER))
     of = "" if found.quality == UNNAMED else f" by their {found.quality}"
     times = [
-        f"In {task.task.id} the median response time was {task.response_time_s:.2f} s."
+        f"In {task.task.id}, the median response time was {task.response_time_s:.2f} s."
         for task in found.tasks
         if task.response_time_s is not None
     ]
@@ -179,7 +179,7 @@ def _means(found: Ratings) -> Section:
         for task in found.tasks
         for one in task.rated
     ]  # fmt: skip
-    notes = ["Means of the participants' means; SD and interval are over participants."]
+    notes = ["Means of the participants' means; SD and interval are across participants."]
     notes += [f"Magnitudes are in {found.unit}."] * bool(found.magnitudes)
     tests = tuple(
         f"{task.task.id}: {_f(task)}{f' ({task.statement})' if task.statement else ''}." for task in found.tasks

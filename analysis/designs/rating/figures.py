@@ -22,8 +22,8 @@ def _sheets(found: Ratings, label: str, *, titles: bool) -> Iterator[drawing.She
         for axes, task in zip(panels, tasks, strict=True):
             _means(axes, task, found.quality)
         said = (
-            f"Mean ratings of {found.quality}, in gray of each participant. Whiskers are intervals of 95 % with "
-            "participants as the units, where there are several."
+            f"Mean ratings of {found.quality}; each participant in gray. Whiskers are 95 % intervals across "
+            "participants, if there are several."
         )
         yield drawing.Sheet(f"ratings{page}", "ratings", said, figure)
 

@@ -109,14 +109,14 @@ def compute(study: Study) -> Ratings:
     answers = {answer for one in study.designs.values() for answer in one.answers}
     if strange := [answer for answer in sorted(answers) if not _is_number(answer)]:
         raise DatasetError(
-            f"study {study.id}", f"got the ratings {', '.join(strange)}", "make the dataset again", allowed="numbers"
+            f"study {study.id}", f"got the ratings {', '.join(strange)}", "rebuild the dataset", allowed="numbers"
         )
     plans = [rating for part in study.parts if part.protocol and (rating := part.protocol.find(Rating))]
     if any(one != plans[0] for one in plans[1:]):
         raise DatasetError(
             f"study {study.id}",
-            "got datasets whose ratings are of different scales, qualities or magnitudes",
-            "analyse each by itself",
+            "got datasets whose ratings have different scales, qualities or magnitudes",
+            "analyze each separately",
             allowed="one table [rating]",
         )
     magnitudes = {one.material: one.value for plan in plans[:1] for one in plan.magnitudes}
@@ -149,7 +149,7 @@ def _task(study: Study, task: Task, magnitudes: dict[str, float]) -> TaskRatings
     except NotDefined as error:
         statement = str(error)
     exponents = np.array([one.power.exponent for one in people if one.power])
-    why = "" if len(exponents) else next((one.statement for one in people), "nobody rated anything")
+    why = "" if len(exponents) else next((one.statement for one in people), "there are no ratings")
     times = rated["response_time_s"].dropna()
     return TaskRatings(
         task=task,
@@ -174,7 +174,7 @@ def _person(who: str, means: np.ndarray, rated: pd.DataFrame, magnitudes: dict[s
     own = rated[rated["participant"] == who]
     known = tuple(None if np.isnan(one) else float(one) for one in means)
     if not magnitudes:
-        return Person(who, known, None, "the protocol states no magnitudes")
+        return Person(who, known, None, "the protocol does not state magnitudes")
     try:
         x, y = (np.array(one, dtype=np.float64) for one in (own["presented"].map(magnitudes), own["answered"]))
         return Person(who, known, power_law(x, y), "")

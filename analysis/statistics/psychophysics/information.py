@@ -31,7 +31,7 @@ def information(counts: NDArray[np.int64]) -> Information:
     occurring = counts[counts.sum(axis=1) > 0]
     trials = int(counts.sum())
     if len(occurring) < 2:
-        raise NotDefined(f"information needs two materials presented, got {len(occurring)}")
+        raise NotDefined(f"information needs two presented materials, got {len(occurring)}")
     bits = float(transmitted(occurring))
     rows, column = occurring.sum(axis=1), occurring.sum(axis=0)
     naive = sum(int(np.count_nonzero(row)) - 1 for row in occurring) - (int(np.count_nonzero(column)) - 1)

@@ -17,7 +17,7 @@ from palpate.experiment.synthesis.waveforms import Waveform
 FOUND = 0.5
 """Correlation from which on something heard is the intended waveform; noise of any length stays far below."""
 
-TAKEN_BACK = "it was taken back before it began"
+TAKEN_BACK = "it was canceled before it began"
 
 LEAST_DB = -200.0
 """Residual of a waveform that came back bit for bit: less than any converter leaves."""
@@ -67,7 +67,7 @@ def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, toleranc
     if loudest <= 10 ** (tolerance.residual_db / 20):
         return ""
     return (
-        f"something was heard at {20 * np.log10(loudest):.1f} dB of full scale where silence was intended; "
+        f"the loopback recorded {20 * np.log10(loudest):.1f} dB re full scale where silence was intended; "
         f"allowed: {tolerance.residual_db:g} dB"
     )
 
@@ -83,13 +83,13 @@ def objection(
         return "its polarity is reversed"
     off_db = 20 * float(np.log10(alignment.gain / gain))
     if abs(off_db) > tolerance.gain_db:
-        return f"its level is off by {off_db:+.1f} dB; allowed: {tolerance.gain_db:g} dB"
+        return f"its level was off by {off_db:+.1f} dB; allowed: {tolerance.gain_db:g} dB"
     if alignment.residual_db > tolerance.residual_db:
-        return f"something else was heard at {alignment.residual_db:.1f} dB; allowed: {tolerance.residual_db:g} dB"
+        return f"the loopback residual is {alignment.residual_db:.1f} dB; allowed: {tolerance.residual_db:g} dB"
     if abs(onset_error_ms) > tolerance.onset_ms:
-        return f"it came {onset_error_ms:+.2f} ms off; allowed: {tolerance.onset_ms:g} ms"
+        return f"its onset was off by {onset_error_ms:+.2f} ms; allowed: {tolerance.onset_ms:g} ms"
     if tolerance.contact_ms is not None and abs(contact_error_ms) > tolerance.contact_ms:
-        return f"it came {contact_error_ms:+.2f} ms from contact; allowed: {tolerance.contact_ms:g} ms"
+        return f"it began {contact_error_ms:+.2f} ms from contact; allowed: {tolerance.contact_ms:g} ms"
     return ""
 
 
@@ -169,7 +169,7 @@ class AudioActuator:
         if cue is None or requested_ns is None:
             raise ActuatorError(
                 "actuator",
-                "got a question about a stimulus that nothing set off",
+                "got a request for a stimulus that was never started",
                 "aim it, or report the landing first",
             )
         self._stream.wait(max(cue.frame, 0))
@@ -179,13 +179,13 @@ class AudioActuator:
             return self._delivery(requested_ns, TAKEN_BACK)
         if cue.cut:
             over = self._stream.ends_ns <= self._stream.ns_of(self._stream.next_frame) + self._output_ns
-            why = "the session's sound had ended" if over else "the servo or the device had fallen silent"
-            return self._delivery(requested_ns, f"it was cut off, for {why}")
+            why = "the session's sound had ended" if over else "the servo or the device had stopped responding"
+            return self._delivery(requested_ns, f"it was cut off because {why}")
         if cue.started is None:
-            return self._delivery(requested_ns, "the stream came too late for it")
+            return self._delivery(requested_ns, "the audio stream was too late to play it")
         self._stream.wait(cue.started + cue.samples)
         changed = self._stream.limited(self._channel) - self._limited
-        fault = f"the stream's limiter changed its output ({changed} samples while it sounded)" if changed else ""
+        fault = f"the stream's limiter changed its output ({changed} samples during playback)" if changed else ""
         if self._audio.channels.loopback is None:
             return self._delivery(requested_ns, fault) if fault else None
         latency, rate_hz = self._audio.latency, self._stream.rate_hz
@@ -199,7 +199,7 @@ class AudioActuator:
             return self._delivery(requested_ns, silence_objection(heard, gain=gain, tolerance=self._tolerance))
         found = align(heard, self._samples, gain=gain)
         if found is None:
-            return self._delivery(requested_ns, "the loopback did not hear it")
+            return self._delivery(requested_ns, "the loopback did not record it")
         onset_ns = self._stream.ns_of(first + found.onset) - round(latency.input_ms * 1e6 - self._ahead_ns)
         reason = fault or objection(
             found,

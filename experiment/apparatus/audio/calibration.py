@@ -100,8 +100,8 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
         if cue.started is None or found is None:
             raise AudioError(
                 "audio calibration",
-                f"probe {number} of {probes} on output {output} was not heard on input {entry}",
-                "lay the loopback's cable, turn its level up, and see that nothing else loads the machine",
+                f"probe {number} of {probes} on output {output} did not arrive on input {entry}",
+                "connect the loopback cable, turn up its level, and close other programs that load the machine",
             )
         lags.append(found.onset)
         gains.append(found.gain)
@@ -109,7 +109,7 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
     gain = float(np.median(gains))
     if gain <= 0:
         raise AudioError(
-            "audio calibration", f"got a gain of {gain:.3g}", "turn the cable's polarity", allowed="above 0"
+            "audio calibration", f"got a gain of {gain:.3g}", "reverse the cable's polarity", allowed="above 0"
         )
     round_trip = float(np.median(lags))
     round_trip_ms = 1e3 * round_trip / stream.rate_hz
@@ -144,8 +144,8 @@ def steadily(measured: Callable[[], Loopback], audio: AudioRig, *, exact: bool) 
             return found
     raise AudioError(
         "audio calibration",
-        f"got {trouble}, {MOST_TIMES} times",
-        "close other programs, push the cable in, set its level, or make audio.block larger, then start again",
+        f"after {MOST_TIMES} attempts, still got {trouble}",
+        "close other programs, check the cable and its level, or make audio.block larger, then start again",
     )
 
 
@@ -157,12 +157,12 @@ def disturbed(found: Loopback, audio: AudioRig, *, exact: bool) -> str:
         (exact or found.xruns == 0, f"{found.xruns} xruns", "none"),
         (
             spread_ms <= tolerance.onset_ms,
-            f"latencies that spread by {spread_ms:.2f} ms",
+            f"latencies that vary by {spread_ms:.2f} ms",
             f"{tolerance.onset_ms:g} ms (delivered.onset_ms)",
         ),
         (
             found.spread_db <= tolerance.gain_db,
-            f"levels that spread by {found.spread_db:.2f} dB",
+            f"levels that vary by {found.spread_db:.2f} dB",
             f"{tolerance.gain_db:g} dB (delivered.gain_db)",
         ),
         (
@@ -186,7 +186,7 @@ def rewritten(rig_text: str, values: dict[str, str]) -> str:
     missing = sorted(set(values) - set(table))
     if missing:
         raise RigError(
-            "audio.latency", f"got no {', '.join(missing)}", "paste what was printed instead", allowed="the whole table"
+            "audio.latency", f"got no {', '.join(missing)}", "paste the printed table", allowed="the whole table"
         )
     for key, value in values.items():
         table[key] = tomlkit.value(value)

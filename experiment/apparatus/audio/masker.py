@@ -116,7 +116,7 @@ def masker_noise(
     if loudest_db_a < SOFTEST_DB_A:
         raise AudioError(
             "masker",
-            f"got a loudest level of {loudest_db_a:.1f} dB(A)",
+            f"got a maximum level of {loudest_db_a:.1f} dB(A)",
             "correct exposure.masker_level_db_a in the protocol, or use louder headphones",
             allowed=f"{SOFTEST_DB_A:g} or more",
         )
@@ -170,7 +170,7 @@ class AudioMasker:
         """
         if self._level_db_a is None:
             raise AudioError(
-                "masker", "got a level while it is silent", "start it first", allowed="only while it plays"
+                "masker", "got a level while the masker was off", "start it first", allowed="only while it plays"
             )
         return self._go(level_db_a)
 
@@ -205,7 +205,7 @@ class AudioMasker:
                 "masker",
                 f"got a dose of {self._dose:.2f} in 24 hours",
                 "continue a day later",
-                allowed=f"1, which is {ACTION_DB_A:g} dB(A) for eight hours",
+                allowed=f"1, the dose of {ACTION_DB_A:g} dB(A) for eight hours",
             )
         # Between these lines the earlier of both ends holds.
         ends_ns = self._since_ns + lasts_ns

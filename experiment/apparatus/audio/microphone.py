@@ -62,8 +62,8 @@ class Microphone(Protocol):
 def objection(loudness: Loudness) -> str:
     """Return why nobody can be heard with a microphone that is as loud; empty where nothing speaks against it."""
     if loudness.rms_db < SILENT_DB:
-        return "silent: nothing comes in"
-    return "clipped: turn its level down" if loudness.clipped else ""
+        return "silent: no signal"
+    return "clipped: turn down its level" if loudness.clipped else ""
 
 
 class AudioMicrophone:

@@ -169,7 +169,7 @@ class Mixer:
                 cue = slot.cue = Cue(number, channel, len(waveform), frame)
                 slot.waiting.append(cue)
                 return cue
-        raise AudioError("audio", f"got one stimulus more than the {SLOTS} that may wait at a time", "withdraw one")
+        raise AudioError("audio", f"got more than the {SLOTS} stimuli that may be queued", "withdraw one")
 
     def move(self, cue: Cue, frame: int) -> bool:
         """Have a waiting stimulus start at another frame; return False, and change nothing, if it has started."""
@@ -221,7 +221,7 @@ class Mixer:
         """Return what left on the output that is kept from a frame on, shape (frames,). Raises as `recorded_inputs`."""
         if self.layout.sent is None:
             raise AudioError(
-                "audio", "got a request for what was sent", "open it with one", allowed="where an output is kept"
+                "audio", "got a request for the sent output", "open it with one", allowed="a recorded output"
             )
         return self._taken(self._sent, frame, frames)
 
@@ -235,7 +235,7 @@ class Mixer:
         oldest = self.frame + self.layout.block - len(ring)
         if frame < oldest:
             raise AudioError(
-                "audio", f"got a request for sound from frame {frame}", "ask sooner", allowed=f"from {oldest}"
+                "audio", f"got a request for sound from frame {frame}", "request it sooner", allowed=f"from {oldest}"
             )
         return taken
 

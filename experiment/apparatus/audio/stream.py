@@ -119,10 +119,10 @@ _left_alone = False
 """Whether PortAudio still waits for a stream that was to be closed."""
 
 _REMEDIES = (
-    ("unavailable", ": another program holds it, or it was pulled out", "close that program, then start again"),
-    ("sample rate", ": it does not run at {} Hz", "set the device to it, or correct audio.rate_hz in the rig file"),
+    ("unavailable", ": another program is using it, or it was unplugged", "close that program, then start again"),
+    ("sample rate", ": it does not run at {} Hz", "set it to that rate, or correct audio.rate_hz in the rig file"),
     ("channels", ": it has fewer channels", "correct audio.channels in the rig file"),
-    ("", "", "plug the device in and start its server, then start again"),
+    ("", "", "plug in the device and start its server, then start again"),
 )
 """What PortAudio's message holds, and what that means to an experimenter."""
 
@@ -148,7 +148,7 @@ def library() -> Any:
         raise AudioError(
             "audio",
             f"sounddevice cannot be used ({error})",
-            "install palpate[lab], and PortAudio (the system's package libportaudio2)",
+            "install palpate[lab] and PortAudio (system package libportaudio2)",
         ) from error
     except Exception as error:
         # It begins as it is imported, and where it cannot its own error is out of reach.
@@ -223,11 +223,11 @@ def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
     named = [(i, each) for i, each in enumerate(present) if (each.host_api, each.name) == (host_api, name)]
     if not named:
         names = {f"{each.host_api}: {each.name}" for each in present}
-        there = "; ".join(sorted(names)) or "one that this machine has; it has none now"
+        there = "; ".join(sorted(names)) or "a device of this computer, which has none now"
         raise AudioError(
             f"audio device '{name}' of {host_api}",
-            "got no device of this name",
-            "plug it in, start its server, or close the program that holds it, or correct [audio] in the rig file",
+            "got no device with this name",
+            "plug it in, start its server, close the program that uses it, or correct [audio] in the rig file",
             allowed=there,
         )
     for i, each in named:
@@ -237,9 +237,9 @@ def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
     raise AudioError(
         f"audio device '{name}' of {host_api}",
         f"got {widest.outputs} outputs and {widest.inputs} inputs",
-        "close the program that holds it, for a device that is held shows fewer, or correct audio.channels, or choose "
-        "another device",
-        allowed=f"at least {outputs} and {inputs}, as audio.channels in the rig file has it",
+        "close any program that uses it (a device in use may show fewer), correct audio.channels, or choose another "
+        "device",
+        allowed=f"at least {outputs} and {inputs}, as in audio.channels in the rig file",
     )
 
 
@@ -461,13 +461,13 @@ class AudioStream:
             raise AudioError(
                 f"audio device '{self._settings.device}'",
                 "it stopped",
-                "see that it is plugged in and its server runs, then start again",
+                "check that it is plugged in and its server is running, then start again",
             )
         if self._clock.now_ns() - self._called_ns > SILENT_S * 1e9:
             raise AudioError(
                 f"audio device '{self._settings.device}'",
-                f"asked for no sample within {SILENT_S:g} s",
-                "see that the device is plugged in and its server runs, then start again",
+                f"has not requested samples for {SILENT_S:g} s",
+                "check that the device is plugged in and its server is running, then start again",
             )
 
     def wait(self, frame: int) -> None:

@@ -45,29 +45,29 @@ def checks(rig: Rig, port: str | None, presses: int, *, clock: Clock) -> Iterato
     except PalpateError as error:
         yield refused("buttons", error)
         return
-    known = "nothing tells the standard error of a press"
+    known = "the standard error of press times is unknown"
     if error_s is not None:
-        known = f"a press has a standard error of {1e3 * error_s:.2f} ms"
+        known = f"press times have a standard error of {1e3 * error_s:.2f} ms"
     board = settings.baud is not None or port is not None
-    what = f"{len(late_ms)} lines, each dated by the board" if board else "an input device, whose presses Linux dates"
+    what = f"{len(late_ms)} lines with the board's times" if board else "an input device; Linux times its presses"
     if not board and rig.rig.simulated:
-        what = "RECORDED presses, which no device sends now"
+        what = "RECORDED presses, not sent by a device now"
     yield passed("buttons", f"{what}; {known}")
     if len(late_ms) >= FEW:
-        yield from _late(late_ms, "lines come" if board else "presses are read", board=board)
+        yield from _late(late_ms, "lines arrive" if board else "presses are read", board=board)
     if not presses:
-        remedy = Remedy("have each pressed: {}", ("palpate", "doctor", "--rig", "RIG", "--press", "1"))
-        yield unchecked("each button", "nobody was asked to press them", remedy)
+        remedy = Remedy("press each button during the check: {}", ("palpate", "doctor", "--rig", "RIG", "--press", "1"))
+        yield unchecked("each button", "nobody was asked to press the buttons", remedy)
         return
     lacking = [one for one in settings.names if found[one] < presses]
     often = ", ".join(f"{one}: {found[one]}" for one in settings.names)
-    others = f"; keys with the codes {', '.join(map(str, unnamed))} were pressed, which [buttons] does not name"
+    others = f"; keys with the codes {', '.join(map(str, unnamed))}, which [buttons] does not name, were also pressed"
     yield judged(
         "each button",
         not lacking,
-        f"presses that came: {often}{others if unnamed else ''}",
-        allowed=f"{presses} of each within {PRESS_S:g} s",
-        remedy=f"see to the wires, names and codes of {' '.join(lacking)}",
+        f"presses received: {often}{others if unnamed else ''}",
+        allowed=f"{presses} from each within {PRESS_S:g} s",
+        remedy=f"check the wires, names and codes of {' '.join(lacking)}",
     )
 
 
@@ -81,11 +81,11 @@ def _pressed(box: Buttons, names: Sequence[str], presses: int, clock: Clock) -> 
 
 def _late(late_ms: Sequence[float], come: str, *, board: bool) -> Iterator[Finding]:
     middle_ms, most_ms = quantiles(late_ms, n=20)[9], quantiles(late_ms, n=20)[18]
-    than = "later than the least late" if board else "late"
+    than = "later than the fastest one" if board else "late"
     yield judged(
         "buttons to record",
         most_ms <= LATE_MS,
-        f"{come} {middle_ms:.1f} ms {than} in the median, 95 of 100 within {most_ms:.1f} ms",
-        allowed=f"95 of 100 within {LATE_MS:g} ms",
-        remedy="take another USB port, without a hub, and see that no other program loads the machine",
+        f"{come} {middle_ms:.1f} ms {than} (median), 95 % within {most_ms:.1f} ms",
+        allowed=f"95 % within {LATE_MS:g} ms",
+        remedy="use another USB port, without a hub, and close other programs that load the machine",
     )

@@ -117,12 +117,12 @@ def table(rig: Rig, folder: Path) -> Finding | None:
         return refused(name, error)
     low_hz, high_hz = measured.frequencies_hz[0], measured.frequencies_hz[-1]
     said = textwrap.shorten(" ".join(response.comments(content)), 160, placeholder=" ...")
-    told = f"{shaping.response}: {low_hz:g} to {high_hz:g} Hz, hash as stated; it says: "
-    measure = "measure the loaded panel, and say in comments (#) when and under which load"
+    told = f"{shaping.response}: {low_hz:g} to {high_hz:g} Hz, hash matches; its comments: "
+    measure = "measure the loaded panel, and add comments (#) that state the date and the load"
     if not said:
-        return unchecked(name, f"{told}nothing, neither when it was measured nor under which load", measure)
+        return unchecked(name, f"{told}none, so its date and load are unknown", measure)
     real = rig.rig.simulated or not response.is_simulated(content)
-    return judged(name, real, told + said, allowed="" if real else "a table that was measured", remedy=measure)
+    return judged(name, real, told + said, allowed="" if real else "a measured table", remedy=measure)
 
 
 def reach(rig: Rig, step: Step) -> Finding:
@@ -135,7 +135,7 @@ def reach(rig: Rig, step: Step) -> Finding:
     heights_mm = [point.mm for point in tracker_of(rig).calibration]
     lowest, highest = rigs.reach_mm(rig, step)
     measured = f"calibrated from {min(heights_mm):g} to {max(heights_mm):g} mm"
-    return passed(name, measured, f"from at most {lowest:g} to at least {highest:g} mm")
+    return passed(name, measured, f"from {lowest:g} mm or lower to {highest:g} mm or higher")
 
 
 def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
@@ -146,7 +146,7 @@ def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
         name: str, check: Callable[[], None], made: LatencyRig | HeadphonesRig | TrackerRig, besides: str = ""
     ) -> Finding:
         if rig.rig.simulated:
-            return unchecked(name, "calibrations of a simulated rig do not age")
+            return unchecked(name, "calibrations of a simulated rig do not expire")
         try:
             check()
         except PalpateError as error:
@@ -159,7 +159,7 @@ def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
         found.append(age("tracker calibration", lambda: zeroing.check_age(rig, today), tracker))
     if audio is not None:
         found.append(age("audio calibration", lambda: rigs.check_age(audio.latency, today), audio.latency))
-        level = "; its level was not checked, because the machine cannot hear it"
+        level = "; their level was not checked, because the computer cannot measure it"
         found.append(age("headphones", lambda: rigs.check_age(audio.headphones, today), audio.headphones, level))
     return tuple(found)
 
@@ -174,7 +174,7 @@ def panel(rig: Rig, rig_file: Path, today: date) -> Finding:
     if found is not None:
         return replace(found, check=name)
     if rig.rig.simulated or measured is None:
-        return unchecked(name, "measurements of a simulated rig do not age")
+        return unchecked(name, "measurements of a simulated rig do not expire")
     age = f"{(today - measured.calibrated_on).days} days old, with {measured.load} on it"
     told = f"full scale {measured.full_scale_m_s2:g} m/s^2, {measured.low_hz:g} to {measured.high_hz:g} Hz"
     return passed(name, f"{age}: {told}", f"0 to {measured.calibration_days} days")
@@ -189,13 +189,15 @@ def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Finding]:
     else:
         if (named := rig.stops) is not None:
             yield passed("stops", f"{named.emergency}; {named.limit}; tried on {named.tried_on}")
-    name, word = "participant's stop", "no key or pedal: the participant stops by word of mouth alone"
+    name, word = "participant's stop", "no key or pedal: to stop, the participant can only speak up"
     there = [f"the key {rig.screen.stop} at the participant's screen"] if rig.screen is not None else []
     there += [f"a pedal, tried on {rig.pedal.tried_on}"] if rig.pedal is not None else []
     if there:
         yield passed(name, "; ".join(there))
     else:
-        yield unchecked(name, word, "add a table [pedal], or [screen], whose key screen.keys.stop stops everything")
+        yield unchecked(
+            name, word, "add a [pedal] table, or a [screen] table, whose key screen.keys.stop stops everything"
+        )
 
 
 SERVED_S, TIMES = 0.5, 3
@@ -212,19 +214,21 @@ def server(address: str, settings: ActuatorRig) -> Iterator[Finding]:
     name = "actuator"
     try:
         actuator.reach()
-        yield passed(name, f"{address} accepts a connection, and closes it at its end")
+        yield passed(name, f"{address} accepts a connection and closes it at the end")
         name = "actuator samples"
         with ThreadPoolExecutor(1) as beside, closing(actuator):
             yield _closes(name, [actuator.play_silence(SERVED_S) for _ in range(TIMES)], "the last sample")
             name, asked = "actuator turns", beside.submit(_at, SERVED_S / 2, other.reach)
             actuator.play_silence(SERVED_S)
             ended_s = time.monotonic()
-            yield _closes(name, [(asked.result() - ended_s) * 1e3], "a stimulus that another connection came beside")
+            yield _closes(
+                name, [(asked.result() - ended_s) * 1e3], "a stimulus during which another connection was opened"
+            )
             name, cut = "actuator stop", beside.submit(_at, SERVED_S / 2, actuator.withdraw)
             actuator.play_silence(SERVED_S)
             while not actuator.is_silent() and (time.monotonic() - cut.result()) * 1e3 <= CLOSES_MS[1]:
                 time.sleep(LOOK_S)
-            yield _closes(name, [(time.monotonic() - cut.result()) * 1e3], "it was hung up in the middle")
+            yield _closes(name, [(time.monotonic() - cut.result()) * 1e3], "the connection was cut halfway")
     except ActuatorError as error:
         yield refused(name, error)
 
@@ -241,9 +245,9 @@ def _closes(name: str, closed_ms: list[float], after: str) -> Finding:
     return judged(
         name,
         all(lowest <= one <= highest for one in closed_ms),
-        f"closed {' '.join(f'{one:+.0f}' for one in closed_ms)} ms after {after}; zeros went out 50 ms ahead",
+        f"closed {' '.join(f'{one:+.0f}' for one in closed_ms)} ms after {after}; zeros were sent 50 ms early",
         allowed=f"{lowest:+g} to {highest:+g} ms",
-        remedy="see what a server must do: palpate docs rigs",
+        remedy="read what a server must do: palpate docs rigs",
     )
 
 
@@ -285,9 +289,9 @@ def resolution(clock: Clock) -> Finding:
     return judged(
         "clock resolution",
         finest_us <= RESOLUTION_US,
-        f"{finest_us:.3g} us between two readings",
+        f"{finest_us:.3g} us between two readings of the clock",
         allowed=f"at most {RESOLUTION_US:g} us",
-        remedy="on Linux choose the clock source tsc; run sessions on a machine of its own, not a virtual one",
+        remedy="on Linux, choose the clock source tsc; run sessions on a physical machine, not a virtual one",
     )
 
 
@@ -299,9 +303,9 @@ def wall(begun: Mark, ended: Mark) -> Finding:
     return judged(
         "wall clock",
         today.year >= BUILT_YEAR and abs(parted_ms) <= SET_MS,
-        f"{today}, parted from the session's clock by {parted_ms:+.3f} ms in {seconds:.1f} s",
-        allowed=f"{BUILT_YEAR} or later, at most {SET_MS:g} ms",
-        remedy="set the clock, or wait until the time service has",
+        f"{today}; it drifted from the session's clock by {parted_ms:+.3f} ms in {seconds:.1f} s",
+        allowed=f"{BUILT_YEAR} or later, with a drift of at most {SET_MS:g} ms",
+        remedy="set the clock, or wait until the time service has set it",
     )
 
 
@@ -319,7 +323,7 @@ def waking(clock: Clock) -> Finding:
     return judged(
         "machine load",
         p99 <= LATE_MS,
-        f"sleeps end late by {median:.2f} ms (median), {p99:.2f} ms (p99), {longest:.2f} ms (longest){load}",
+        f"sleeps end {median:.2f} ms late (median), {p99:.2f} ms (p99), {longest:.2f} ms (longest){load}",
         allowed=f"p99 at most {LATE_MS:g} ms",
         remedy="close other programs, or raise palpate's priority",
     )
@@ -356,14 +360,14 @@ def space(folder: Path, *, trials: int, rate_hz: int, readings: int = 1) -> Find
         free = shutil.disk_usage(there).free
     except OSError as error:
         return Finding(
-            error.strerror or f"{error}", there, remedy="mount the disk again, or name another folder", check=name
+            error.strerror or f"{error}", there, remedy="mount the disk again, or choose another folder", check=name
         )
     return judged(
         name,
         free >= needed,
         f"{free / 1e6:,.0f} MB free at {there}",
-        allowed=f"at least {needed / 1e6:,.0f} MB: {trials} trials of {ARMED_S:g} s at {rate_hz} Hz, kept twice",
-        remedy="make room, or name a dataset on another disk",
+        allowed=f"at least {needed / 1e6:,.0f} MB: {trials} trials of {ARMED_S:g} s at {rate_hz} Hz, stored twice",
+        remedy="free some space, or put the dataset on another disk",
     )
 
 
@@ -380,25 +384,25 @@ def writing(folder: Path, clock: Clock) -> Finding:
                 took_ms.append((clock.now_ns() - begun_ns) / 1e6)
     except OSError as error:
         return Finding(
-            f"nothing can be written ({error.strerror or error})",
+            f"is not writable ({error.strerror or error})",
             there,
-            remedy="let this user write there, or name another folder with --dataset",
+            remedy="let this user write there, or choose another folder with --dataset",
             check=name,
         )
     median, worst = float(np.median(took_ms)), max(took_ms)
     return judged(
         name,
         worst <= BUDGET_MS,
-        f"an entry is on disk in {median:.2f} ms (median), {worst:.2f} ms (worst of {ENTRIES}) at {there}",
-        allowed=f"at most {BUDGET_MS:g} ms, so that no participant waits",
-        remedy="keep the dataset on a local disk, not a network's or a memory stick; close what else writes",
+        f"writing an entry takes {median:.2f} ms (median), {worst:.2f} ms (worst of {ENTRIES}) at {there}",
+        allowed=f"at most {BUDGET_MS:g} ms, so participants do not wait",
+        remedy="use a local disk, not a network drive or a memory stick; close other programs that write",
     )
 
 
 def privacy(folder: Path) -> Iterator[Finding]:
     """Yield what others on this machine can read of a dataset's people, seed and roster; nothing where they cannot."""
     if shown := readable_by_others(folder):
-        yield Finding(f"others can read {', '.join(map(str, shown))}", remedy=to_close(folder), check="privacy")
+        yield Finding(f"other users can read {', '.join(map(str, shown))}", remedy=to_close(folder), check="privacy")
 
 
 def _there(folder: Path) -> Path:

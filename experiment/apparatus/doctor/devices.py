@@ -60,7 +60,10 @@ def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Hear
     mapped = tracker.clock_map
     if mapped is None:
         raise TrackerError(
-            "tracker", "got samples without a clock map", "mend its driver", allowed="one from the first on"
+            "tracker",
+            "got samples without a clock map",
+            "correct its driver",
+            allowed="a clock map from the first sample on",
         )
     along_mm = [read.along_mm for read in reads if read.along_mm is not None]
     delay_ms = [(read.arrived_ns - mapped.session_ns(int(read.device_us[-1]))) / 1e6 for read in reads]
@@ -106,8 +109,8 @@ def frames(heard: Heard) -> Finding:
         link.lost + link.damaged + link.repeated == 0,
         f"{link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated",
         allowed="none lost, damaged or repeated",
-        remedy="take a shorter cable or another USB port, without a hub; see that baud is the device's, and that no "
-        "other program loads the machine",
+        remedy="use a shorter cable or another USB port, without a hub; check that baud matches the device, and close "
+        "other programs that load the machine",
     )
 
 
@@ -125,21 +128,21 @@ def rate(heard: Heard, settings: TrackerRig) -> Finding:
         abs(measured_hz - wanted_hz) <= RATE_PART * wanted_hz,
         f"{measured_hz:.1f} Hz by the device's clock",
         allowed=f"{(1 - RATE_PART) * wanted_hz:g} to {(1 + RATE_PART) * wanted_hz:g} Hz",
-        remedy="set the device's firmware, or tracker.rate_hz in the rig file, to the other's rate",
+        remedy="set the device's firmware and tracker.rate_hz in the rig file to the same rate",
     )
 
 
 def drift(heard: Heard) -> Finding:
     """Return whether the device's clock runs as this machine's does."""
     ppm, more = heard.clock_map.drift_ppm, " or more" if _strays(heard) else ""
-    off = f"; no crystal's but a resonator's: the foot's speed is off by {abs(ppm) * 1e-4:.1f} %"
+    off = f"; typical of a resonator instead of a crystal: foot speeds are off by {abs(ppm) * 1e-4:.1f} %"
     return judged(
         "tracker clock",
         not more,
-        f"drift {ppm:+.0f} ppm{more} against this machine's clock over {heard.clock_map.span_s:.1f} s"
+        f"drift {ppm:+.0f} ppm{more} relative to this machine's clock over {heard.clock_map.span_s:.1f} s"
         + (off if abs(ppm) >= CRYSTAL_PPM and not more else ""),
-        allowed=f"less than {DRIFT_LIMIT_PPM:g} ppm either way",
-        remedy="see that the firmware counts microseconds and the board has a crystal or a resonator; on a loaded "
+        allowed=f"less than {DRIFT_LIMIT_PPM:g} ppm in either direction",
+        remedy="check that the firmware counts microseconds and the board has a crystal or a resonator; on a loaded "
         "machine, close other programs and check again",
     )
 
@@ -152,7 +155,7 @@ def _strays(heard: Heard) -> bool:
 def arrival(heard: Heard, settings: TrackerRig) -> Finding:
     """Return how late reads come, by a clock that can be relied on."""
     if _strays(heard):
-        return unchecked("tracker arrival", "delays are told by the tracker's clock, which does not hold")
+        return unchecked("tracker arrival", "the delays depend on the tracker's clock, which is not reliable")
     median, p99, longest = (float(np.quantile(heard.delay_ms, q)) for q in (0.5, 0.99, 1.0))
     return judged(
         "tracker arrival",
@@ -180,15 +183,15 @@ def noise(heard: Heard, settings: TrackerRig) -> Finding:
     measured_mm = float(np.std(heard.height_mm))
     measured = f"{measured_mm:.3f} mm at {float(np.median(heard.height_mm)):.1f} mm"
     if settings.noise_mm is None:
-        reason = f"{measured}, and tracker.noise_mm is not in the rig file"
-        return unchecked(name, reason, Remedy("run {}, which writes it", zeroing.CALIBRATE))
+        reason = f"{measured}; the rig file does not state tracker.noise_mm"
+        return unchecked(name, reason, Remedy("run {}, which adds it", zeroing.CALIBRATE))
     if settings.noise_mm > 0 and np.ptp(heard.height_mm) == 0:
         return judged(
             name,
             False,
             f"{measured}, the same in every frame",
-            allowed=f"noise, for the calibration had {settings.noise_mm:g} mm",
-            remedy="see that the sensor sees the panel and is not stuck at one reading",
+            allowed=f"some noise, because the noise was {settings.noise_mm:g} mm during calibration",
+            remedy="check that the sensor detects the panel and is not stuck at one reading",
         )
     return judged(
         name,
@@ -196,7 +199,7 @@ def noise(heard: Heard, settings: TrackerRig) -> Finding:
         measured,
         allowed=f"at most {NOISE_TIMES * settings.noise_mm:g} mm, {NOISE_TIMES:g} times tracker.noise_mm",
         remedy=Remedy(
-            "keep still what moves above the panel, take another cable or supply for the sensor, or run {}",
+            "make sure nothing moves above the panel, try another cable or power supply for the sensor, or run {}",
             zeroing.CALIBRATE,
             suffices=False,
         ),
@@ -215,7 +218,7 @@ def along(heard: Heard, settings: TrackerRig) -> tuple[Finding, ...]:
         float(held.mean()) <= zeroing.HELD_PART,
         f"{np.std(heard.along_mm):.3f} mm at {np.median(heard.along_mm):.1f} mm along the face",
         allowed=f"{low_mm:g} to {high_mm:g} mm",
-        remedy="see that the sensor is in its place, or add points to tracker.along_calibration",
+        remedy="check that the sensor is in place, or add points to tracker.along_calibration",
     )
     return (found,)
 
@@ -256,13 +259,13 @@ def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: 
             "audio stream",
             gaps == 0 and (exact or xruns == 0),
             f"{seconds:.1f} s: gaps: {gaps}, xruns: {xruns}",
-            allowed="no gaps; an xrun of this card loses nothing" if exact else "no gaps and no xruns",
-            remedy="close other programs, or make audio.block larger and calibrate anew",
+            allowed="no gaps; this card loses nothing in xruns" if exact else "no gaps and no xruns",
+            remedy="close other programs, or make audio.block larger and calibrate again",
         ),
         judged(
             "audio timeline",
             fit.median_ms <= quarter_ms,
-            f"callbacks late by {fit.median_ms:.2f} ms (median), {fit.p95_ms:.2f} ms (p95), {fit.worst_ms:.2f} ms "
+            f"callbacks are late by {fit.median_ms:.2f} ms (median), {fit.p95_ms:.2f} ms (p95), {fit.worst_ms:.2f} ms "
             "(worst)",
             allowed=f"median at most {quarter_ms:.2f} ms, a quarter of a block",
             remedy="close other programs, or let this user run with real-time priority",
@@ -281,9 +284,9 @@ def microphone(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
         judged(
             "microphone",
             not microphones.objection(loud),
-            f"{loud.rms_db:.0f} dB of full scale{', clipped' if loud.clipped else ''}",
-            allowed=f"above {microphones.SILENT_DB:g} dB, and nothing clipped",
-            remedy="plug it in, switch it on, set its level, and name its input as audio.channels.microphone",
+            f"{loud.rms_db:.0f} dB re full scale{', clipped' if loud.clipped else ''}",
+            allowed=f"above {microphones.SILENT_DB:g} dB, without clipping",
+            remedy="plug it in, switch it on, set its level, and enter its input as audio.channels.microphone",
         ),
     )
 
@@ -295,12 +298,12 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
     """
     entry, tolerance = audio.channels.loopback, audio.delivered
     if entry is None:
-        return (unchecked(LOOPBACK, "the rig has no audio.channels.loopback", "lay a cable, and name its input"),)
+        return (unchecked(LOOPBACK, "the rig has no audio.channels.loopback", "connect a cable, and add its input"),)
     try:
         found = audio_calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=PEAK, probes=PROBES)
     except AudioError as error:
         return (refused(LOOPBACK, error),)
-    anew = "push the cable in and set the levels as they were, then run {}"
+    anew = "plug in the cable and restore the levels, then run {}"
     to_ms = 1e3 / audio.rate_hz
     calibrated_ms = audio.latency.output_ms + audio.latency.input_ms
     round_trip_ms, spread_ms = found.output_ms + found.input_ms, found.spread_frames * to_ms
@@ -309,25 +312,23 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
         judged(
             "loopback latency",
             abs(round_trip_ms - calibrated_ms) <= tolerance.onset_ms and spread_ms <= tolerance.onset_ms,
-            f"{round_trip_ms:.3f} ms out and in, spread {spread_ms:.3f} ms in {found.probes} probes",
-            allowed=f"{calibrated_ms:.3f} ms as calibrated, within {tolerance.onset_ms:g} ms (delivered.onset_ms)",
-            remedy=Remedy(
-                f"set audio.block and the device's buffer as they were, {anew}", CALIBRATE_AUDIO, suffices=False
-            ),
+            f"round trip {round_trip_ms:.3f} ms, range {spread_ms:.3f} ms in {found.probes} probes",
+            allowed=f"within {tolerance.onset_ms:g} ms (delivered.onset_ms) of the calibrated {calibrated_ms:.3f} ms",
+            remedy=Remedy(f"restore audio.block and the device's buffer, {anew}", CALIBRATE_AUDIO, suffices=False),
         ),
         judged(
             "loopback level",
             abs(off_db) <= tolerance.gain_db and found.spread_db <= tolerance.gain_db,
-            f"gain {found.gain:.4g} ({off_db:+.2f} dB), spread {found.spread_db:.2f} dB",
-            allowed=f"{audio.latency.loopback_gain:g} as calibrated, within {tolerance.gain_db:g} dB "
-            "(delivered.gain_db)",
+            f"gain {found.gain:.4g} ({off_db:+.2f} dB), range {found.spread_db:.2f} dB",
+            allowed=f"within {tolerance.gain_db:g} dB (delivered.gain_db) of the calibrated "
+            f"{audio.latency.loopback_gain:g}",
             remedy=Remedy(anew, CALIBRATE_AUDIO, suffices=False),
         ),
         judged(
             "loopback residual",
             found.residual_db <= tolerance.residual_db,
-            f"{found.residual_db:.0f} dB, the worst of {found.probes} probes",
+            f"{found.residual_db:.0f} dB (worst of {found.probes} probes)",
             allowed=f"at most {tolerance.residual_db:g} dB (delivered.residual_db)",
-            remedy="stop what else plays, lower a level that clips, take another cable, or one earth for all devices",
+            remedy="stop other playback, lower a level that clips, try another cable, or ground all devices together",
         ),
     )

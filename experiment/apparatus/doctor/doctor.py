@@ -72,7 +72,7 @@ def examine(
         rig = rigs.load(rig_path)
     except RigError as error:
         yield refused("rig file", error)
-        yield unchecked("devices", "they stand in the rig file")
+        yield unchecked("devices", "they are listed in the rig file, which cannot be used")
     else:
         yield from _rig(rig, rig_path, protocol, clock)
     folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
@@ -81,7 +81,7 @@ def examine(
     trials = max(map(protocol.felt_trials, protocol.tasks)) if protocol is not None else TRIALS
     yield checks.space(folder, trials=trials, rate_hz=rate_hz, readings=readings)
     with host.raised() as got:
-        yield passed("priority", f"{got}; as sessions have it")
+        yield passed("priority", f"{got}; the same as in sessions")
         for check in _devices(rig, protocol, clock, simulate, presses) if rig is not None else ():
             simulated = ": ".join(part for part in ("SIMULATED", check.place()) if part)
             yield replace(check, where=simulated) if rig and rig.rig.simulated else check
@@ -151,13 +151,15 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
             yield from triggers.checks(rig, clock=clock)
         yield from _elsewhere(rig, protocol)
         if rig.tracker is not None and rig.tracker.zeroing_mm is not None:
-            yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
+            yield unchecked(
+                "tracker zero", "each session measures it, with the participant's foot at rest on the panel"
+            )
         if rig.accelerometer is not None and (ends.accelerometer or rig.accelerometer.address != rigs.REHEARSAL):
             from palpate.experiment.apparatus.doctor import sensor
 
             yield from sensor.checks(rig, rig.accelerometer, ends.accelerometer, clock=clock)
         elif rig.accelerometer is not None:
-            yield unchecked("accelerometer", "palpate record, palpate calibrate actuator and sessions listen to it")
+            yield unchecked("accelerometer", "only palpate record, palpate calibrate actuator and sessions read it")
 
 
 def _frames(rig: Rig | None) -> tuple[int, int]:
@@ -173,7 +175,7 @@ def _pedal(rig: Rig, port: str | None) -> Iterator[Finding]:
     try:
         if (pedal := opening.open_pedal(rig, port=port)) is not None:
             pedal.close()
-            yield passed(name, "it sends its heartbeat, and nobody presses")
+            yield passed(name, "it sends its heartbeat and is not pressed")
     except PalpateError as error:
         yield refused(name, error)
 
@@ -184,19 +186,21 @@ def _elsewhere(rig: Rig, protocol: Protocol | None) -> Iterator[Finding]:
         return
     channels = rig.audio.channels if rig.audio is not None else None
     if channels is None and any(task.masker != "none" for task in protocol.tasks):
-        yield unchecked("masker", "the rig has no table [audio]: its noise is played by other means")
+        yield unchecked("masker", "the rig has no [audio] table: play the masking noise by other means")
     if protocol.answers.microphone and (channels is None or channels.microphone is None):
-        yield unchecked("microphone", "the rig names none (audio.channels.microphone), so no answer is proposed")
+        yield unchecked(
+            "microphone", "the rig has no microphone (audio.channels.microphone), so palpate suggests no answers"
+        )
     heard = rig.actuator.driver == "audio" and channels is not None and channels.loopback is not None
     if not heard and protocol.renders and any(rule.when == "undelivered" for rule in protocol.exclusion):
-        told = "the rig has no loopback of its actuator, so a stimulus is undelivered only where its stream knows it"
+        told = "the rig has no actuator loopback, so only the audio stream can detect undelivered stimuli"
         yield unchecked("undelivered", told)
 
 
 def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
     name, settings = "tracker port", rig.tracker
     if settings is None:
-        yield unchecked(name, "the rig has no table [tracker]: for tasks that follow no foot and no hand")
+        yield unchecked(name, "the rig has no [tracker] table: it can run only tasks without foot or hand tracking")
         return
     try:
         device = opening.open_tracker(rig, clock=clock, port=ends.port)

@@ -18,7 +18,7 @@ from palpate.experiment.errors import Finding, Remedy, RigError
 NAME = "foot force"
 """The name of the check of what the sensor reads."""
 
-SEE = "see that the sensor and its amplifier have power, and are on the second input of the tracker's board"
+SEE = "check that the sensor and its amplifier have power and use the second input of the tracker's board"
 
 
 def missing(rig: Rig) -> Iterator[Finding]:
@@ -33,9 +33,11 @@ def age(rig: Rig, force: ForceRig, today: date) -> Finding:
     """Return how old the calibration is, which holds as many days as that of the heights."""
     name, days = "foot force age", tracker_of(rig).calibration_days
     if rig.rig.simulated:
-        return unchecked(name, "calibrations of a simulated rig do not age")
+        return unchecked(name, "calibrations of a simulated rig do not expire")
     if days is None:
-        return unchecked(name, "tracker.calibration_days is not in the rig file", Remedy("run {}", zeroing.CALIBRATE))
+        return unchecked(
+            name, "the rig file does not state tracker.calibration_days", Remedy("run {}", zeroing.CALIBRATE)
+        )
     try:
         foot_force.check_age(rig, today)
     except RigError as error:
@@ -48,17 +50,17 @@ def at_rest(raw: bytes, tracker: TrackerRig) -> Finding:
     _, decoded = frames.Decoder(readings=tracker.readings).feed(raw)
     read_n, ends_n = tracker.force_n(decoded.along), tracker.force_n(np.array([0, 65535]))
     low_n, high_n = sorted(ends_n.tolist())
-    allowed = f"some noise, and inside the calibration, {low_n:g} to {high_n:g} N"
+    allowed = f"some noise, and within the calibrated range, {low_n:g} to {high_n:g} N"
     if not read_n.size:
-        remedy = "have firmware or driver send the sensor's reading after the height's: palpate docs devices"
+        remedy = "make the firmware or driver send the force reading after the height: palpate docs devices"
         return judged(NAME, False, "no frame has a second reading", allowed=allowed, remedy=remedy)
-    measured = f"{read_n.mean():.2f} N with nobody on the panel, spread {read_n.std():.3f} N"
+    measured = f"{read_n.mean():.2f} N with nobody on the panel, SD {read_n.std():.3f} N"
     if np.ptp(decoded.along) == 0:
-        stuck, gain = f"{measured}: the same in every frame", "raise its gain until a reading at rest shows noise"
-        return judged(NAME, False, stuck, allowed=allowed, remedy=f"{SEE}; if it lives, {gain}")
+        stuck, gain = f"{measured}: the same in every frame", "raise its gain until readings at rest show noise"
+        return judged(NAME, False, stuck, allowed=allowed, remedy=f"{SEE}; if they do, {gain}")
     held = float(np.isin(read_n, ends_n).mean())
     if held > zeroing.HELD_PART:
-        at_end = f"{measured}: {held:.0%} of the samples lie at an end of the calibration, or beyond"
-        wider = "see that nothing lies on the panel, or calibrate from below what the sensor reads with nothing on it"
+        at_end = f"{measured}: {held:.0%} of the samples are at or beyond an end of the calibrated range"
+        wider = "check that nothing is on the panel, or extend the calibration beyond the reading of the bare panel"
         return judged(NAME, False, at_end, allowed=allowed, remedy=f"{SEE}; {wider}")
     return passed(NAME, measured, allowed)

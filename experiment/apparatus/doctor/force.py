@@ -56,14 +56,16 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
         yield unchecked("force limit", "no protocol with a virtual task was given", "add --protocol")
         return
     limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
-    yield passed("force limit", f"nothing above {limit_n:g} N is sent; the device makes {device.full_scale_n:g} N")
+    yield passed(
+        "force limit", f"palpate sends at most {limit_n:g} N; the device can produce {device.full_scale_n:g} N"
+    )
     fits, why = passivity.judged(virtual, device, tracker_of(rig))
     right, felt = budget.judged(virtual, device, tracker_of(rig), limit_n=limit_n)
     most = virtual.force_error_max
-    allowed = "any error: the protocol sets no limit" if most is None else f"up to {100 * most:.6g} %"
-    remedy = "take a sensor with less noise, or a block with less damping"
+    allowed = "any error, because the protocol does not set a limit" if most is None else f"up to {100 * most:.6g} %"
+    remedy = "use a sensor with less noise, or a block with less damping"
     yield judged("force felt", right, felt, allowed=allowed, remedy=remedy)
-    yield judged("block", fits, why, allowed="passive", remedy="take a softer block, or a device with more damping")
+    yield judged("block", fits, why, allowed="passive", remedy="use a softer block, or a device with more damping")
 
 
 def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -> tuple[Finding, ...]:
@@ -74,17 +76,17 @@ def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -
         judged(
             "force answers",
             worst <= device.answer_ms,
-            f"after {median:.3f} ms (median), {worst:.3f} ms (latest of {made})",
+            f"{median:.3f} ms (median), {worst:.3f} ms (latest of {made})",
             allowed=f"up to servo.answer_ms, {device.answer_ms:g} ms",
-            remedy="close other programs, take a faster line to the device, or ask its maker for faster firmware",
+            remedy="close other programs, use a faster connection to the device, or ask its maker for faster firmware",
         ),
         judged(
             "force rate",
             made >= due * (1 - MISSED_PART),
-            f"{made / ASKS_S:.0f} messages a second were answered",
-            allowed=f"{rate_hz} a second, less {100 * MISSED_PART:g} %",
-            remedy="close other programs if the answers come in time; otherwise take a faster line to the device, or a "
-            "lower tapping.rate_hz",
+            f"the device answered {made / ASKS_S:.0f} messages per second",
+            allowed=f"{rate_hz} per second, minus {100 * MISSED_PART:g} %",
+            remedy="if the answers are in time, close other programs; otherwise use a faster connection to the device "
+            "or a lower tapping.rate_hz",
         ),
     )
 

@@ -14,7 +14,7 @@ from palpate.experiment.apparatus.wires.own.actuator import DriverActuator
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import ActuatorError, Finding
 
-MENDED = "see the device's settings, or what its driver returns: palpate docs devices"
+MENDED = "check the device's settings and what its driver returns: palpate docs devices"
 
 
 def checks(rig: Rig, clock: Clock) -> Iterator[Finding]:
@@ -25,10 +25,8 @@ def checks(rig: Rig, clock: Clock) -> Iterator[Finding]:
     name = "actuator"
     try:
         with closing(DriverActuator(rig, condition, clock)) as actuator:
-            lead = (
-                f"is told {actuator.lead_ns / 1e6:g} ms before" if actuator.lead_ns else "states no lead_s: plays after"
-            )
-            yield passed(name, f"its driver '{settings.driver}' opened {settings.address}, and {lead} contact")
+            lead = f"starts {actuator.lead_ns / 1e6:g} ms before" if actuator.lead_ns else "plays (no lead_s) after"
+            yield passed(name, f"its driver '{settings.driver}' opened {settings.address} and {lead} contact")
             name = "actuator samples"
             begun_s = time.monotonic()
             actuator.play(zeros)
@@ -36,8 +34,8 @@ def checks(rig: Rig, clock: Clock) -> Iterator[Finding]:
             yield judged(
                 name,
                 took_s >= SERVED_S - 0.01,
-                f"all {zeros.size} were played; `play` returned after {took_s:.2f} s",
-                allowed=f"{SERVED_S:g} s or longer, as they last",
+                f"all {zeros.size} samples were played; `play` returned after {took_s:.2f} s",
+                allowed=f"at least {SERVED_S:g} s, the length of the stimulus",
                 remedy=MENDED,
             )
             name = "actuator stop"
@@ -45,7 +43,7 @@ def checks(rig: Rig, clock: Clock) -> Iterator[Finding]:
             yield judged(
                 name,
                 stopped_ms <= CLOSES_MS[1],
-                f"`play` returned {stopped_ms:.0f} ms after it was to stop",
+                f"`play` returned {stopped_ms:.0f} ms after the stop request",
                 allowed=f"at most {CLOSES_MS[1]:g} ms",
                 remedy=MENDED,
             )

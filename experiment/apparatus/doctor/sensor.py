@@ -41,11 +41,11 @@ def load(rig_file: Path, rig: Rig, *, may_move: bool) -> Iterator[Finding]:
         return
     if not drift.is_heard(rig):
         told = f"no accelerometer stays on the panel, which was measured with {measured.load} on it"
-        yield unchecked(LOAD, told, "see that nothing else lies on it")
+        yield unchecked(LOAD, told, "check that nothing else is on the panel")
     elif rig.rig.simulated:
-        yield unchecked(LOAD, "a rehearsal's panel moves in rehearsals alone")
+        yield unchecked(LOAD, "a simulated panel moves only in rehearsals")
     elif not may_move:
-        told = f"nothing moved the panel, which was measured with {measured.load} on it"
+        told = f"this check did not move the panel, which was measured with {measured.load} on it"
         again = ("palpate", "doctor", "--rig", f"{rig_file}", "--compare-panel")
         yield unchecked(LOAD, told, Remedy("with nobody on the panel, run {}", again))
     else:
@@ -63,8 +63,8 @@ def checks(rig: Rig, settings: AccelerometerRig, address: str | None, *, clock: 
     others = {"actuator": rig.actuator.address, "servo": rig.servo.address if rig.servo is not None else None}
     # Drivers of one's own may take one address, such as that of a card with inputs and outputs.
     if ":" not in settings.driver and (shared := [device for device, its in others.items() if its == where]):
-        told, correct = f"its address, {where}, is {shared[0]}.address", "correct either in the rig file"
-        yield judged(name, False, told, allowed="one of its own", remedy=correct)
+        told, correct = f"its address, {where}, is also {shared[0]}.address", "correct one of them in the rig file"
+        yield judged(name, False, told, allowed="a separate address", remedy=correct)
         return
     sensor = listener(rig, address=address, clock=clock)
     try:
@@ -82,21 +82,21 @@ def checks(rig: Rig, settings: AccelerometerRig, address: str | None, *, clock: 
 
 def heard(window: Window, settings: AccelerometerRig, *, took_s: float) -> Iterator[Finding]:
     """Yield what the samples of `LISTEN_S`, which took so long to come, tell of their sensor."""
-    samples, anew = window.samples_m_s2, "or correct accelerometer.address: it may be another device's"
+    samples, anew = window.samples_m_s2, "or correct accelerometer.address: it may belong to another device"
     taken = samples.size - window.lost_s * settings.rate_hz
     rate_hz, quiet_m_s2 = taken / took_s, float(np.std(samples))
     yield judged(
         "accelerometer rate",
         abs(rate_hz - settings.rate_hz) <= RATE_PART * settings.rate_hz,
-        f"{rate_hz:.0f} samples a second",
+        f"{rate_hz:.0f} samples per second",
         allowed=f"{settings.rate_hz}, within {RATE_PART:.0%}",
-        remedy=f"set the device, or accelerometer.rate_hz in the rig file, to the other's rate, {anew}",
+        remedy=f"set the device and accelerometer.rate_hz in the rig file to the same rate, {anew}",
     )
     peak_m_s2 = float(np.abs(samples).max())
     yield judged(
         "accelerometer at rest",
         quiet_m_s2 > QUIETEST * settings.full_scale_m_s2 and peak_m_s2 < settings.trigger_m_s2,
-        f"{quiet_m_s2:.2g} m/s^2 (standard deviation), {peak_m_s2:.2g} m/s^2 at most",
-        allowed=f"some noise, and less than accelerometer.trigger_m_s2, {settings.trigger_m_s2:g} m/s^2",
-        remedy=f"plug the sensor in again, take another cable, keep the panel still, {anew}",
+        f"{quiet_m_s2:.2g} m/s^2 (SD), {peak_m_s2:.2g} m/s^2 (peak)",
+        allowed=f"some noise, with a peak below accelerometer.trigger_m_s2, {settings.trigger_m_s2:g} m/s^2",
+        remedy=f"reconnect the sensor, try another cable, do not move the panel, {anew}",
     )

@@ -23,7 +23,7 @@ def checks(rig: Rig, *, clock: Clock) -> Iterator[Finding]:
                     took_ms = (clock.now_ns() - begun_ns) / 1e6
             except (Exception, SystemExit) as error:  # a driver may raise anything
                 what = f"{described(settings)}: {type(error).__name__}: {error}"
-                raise RigError(name, what, "plug it in, or mend its driver") from error
+                raise RigError(name, what, "plug it in, or correct its driver") from error
         except RigError as error:
             yield refused(name, error)
         else:

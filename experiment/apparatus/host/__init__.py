@@ -162,7 +162,7 @@ def raised() -> Iterator[str]:
                 with _raised_on_linux() as got:
                     yield got
             else:
-                yield "ordinary: palpate raises it on Linux alone; close what else runs"
+                yield "ordinary, because palpate raises it only on Linux; close other programs"
     finally:
         gc.unfreeze()
 
@@ -222,7 +222,7 @@ if sys.platform == "linux":
         try:
             got = _raise(nice)
             with pinned() if is_real_time() else nullcontext() as core:
-                yield got if core is None else f"{got}, on core {core} alone"
+                yield got if core is None else f"{got}, on core {core} only"
         finally:
             # What was taken may be given back without any right.
             if os.sched_getscheduler(0) != policy:
@@ -264,6 +264,6 @@ if sys.platform == "linux":
             return False
 
     _MORE = (
-        "the system allows no more; for real time add the user to the group audio and give that an rtprio of 10 "
-        "in /etc/security/limits.d, and leave kernel.sched_rt_runtime_us as it comes"
+        "the system allows no more; for real time, add the user to the group audio, set its rtprio to 10 in "
+        "/etc/security/limits.d, and do not change kernel.sched_rt_runtime_us"
     )

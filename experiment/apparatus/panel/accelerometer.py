@@ -56,7 +56,7 @@ class Gap:
     @property
     def sentence(self) -> str:
         """What is told of it."""
-        return f"samples were lost for {self.lasts_s * 1e3:.0f} ms, {self.at_s * 1e3:.0f} ms after the first one"
+        return f"{self.lasts_s * 1e3:.0f} ms of samples were lost, {self.at_s * 1e3:.0f} ms after the first sample"
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,9 @@ class PcmAccelerometer:
         Raises `RecordingError`: not armed, the stream broke or ended too soon, or has samples that are not numbers.
         """
         if self._listening is None:
-            raise RecordingError("accelerometer", "got a step before it was armed", "arm it first, then step")
+            raise RecordingError(
+                "accelerometer", "got a step before the sensor was armed", "arm the sensor first, then step"
+            )
         listening, self._listening = self._listening, None
         try:
             level = self._settings.trigger_m_s2 / self._settings.full_scale_m_s2
@@ -159,7 +161,7 @@ class PcmAccelerometer:
     def heard_since_armed(self) -> Window:
         """Return the armed samples, from the first that came on, once all have. Raises `RecordingError` as `heard`."""
         if self._listening is None:
-            raise RecordingError("accelerometer", "got nothing to hear before it was armed", "arm it first")
+            raise RecordingError("accelerometer", "got a request before the sensor was armed", "arm it first")
         listening, self._listening = self._listening, None
         try:
             raw = listening.armed()
@@ -193,7 +195,7 @@ class PcmAccelerometer:
         return RecordingError(
             f"accelerometer at {self._settings.address}",
             problem,
-            "see that its server runs and sends float32 without end, then do the take again",
+            "check that its server is running and sends float32 continuously, then repeat the take",
         )
 
 
@@ -274,7 +276,7 @@ class Listening:
         """Return what is wrong if no samples come in time; None once the first have."""
         with self._changed:
             self._changed.wait_for(lambda: self._count or self.broken, timeout_s)
-            return None if self._count else self.broken or f"nothing came within {timeout_s:g} s"
+            return None if self._count else self.broken or f"no samples arrived within {timeout_s:g} s"
 
     def take(self, earliest_ns: int, latest_ns: int, *, level: float) -> _Taken | str:
         """Return the take that begins in the stretch, or what went wrong."""
@@ -317,7 +319,7 @@ class Listening:
         """Return so many samples from one on that have all come, or what is wrong with them."""
         first, held = self._kept_samples()
         if begin < first:
-            return "the samples are no longer there"
+            return "the samples are no longer available"
         taken = held[begin - first : begin - first + samples]
         if not np.all(np.isfinite(taken)):
             return NOT_NUMBERS
@@ -370,7 +372,7 @@ class Listening:
         return self._count >= wanted()
 
     def _missing(self) -> str:
-        return self.broken or f"only {self._count} samples came, fewer than {self._rate_hz} a second"
+        return self.broken or f"only {self._count} samples arrived, fewer than {self._rate_hz} per second"
 
     def _start_ns(self) -> float:
         """Return when the stream's first sample was taken, as the piece that was held up least has it."""
@@ -414,7 +416,7 @@ class _Stream(Listening):
             except OSError as error:
                 return self._end(f"the connection broke ({error.strerror or error})")
             if not data:
-                return self._end("the stream ended before the take was whole")
+                return self._end("the stream ended before the take was complete")
             arrived_ns = self._clock.now_ns()
             data = torn + data
             whole = len(data) // SAMPLE.itemsize * SAMPLE.itemsize
@@ -432,7 +434,7 @@ class _Stream(Listening):
 def settings_of(rig: Rig) -> AccelerometerRig:
     """Return the settings of the rig's accelerometer; `RigError` if the rig has none."""
     remedy = "add driver, address, rate_hz, full_scale_m_s2 and trigger_m_s2 to the rig file"
-    return needed(rig, "accelerometer", rig.accelerometer, remedy, "for recording needs it")
+    return needed(rig, "accelerometer", rig.accelerometer, remedy, "because recording needs it")
 
 
 def open_accelerometer(
@@ -447,7 +449,7 @@ def open_accelerometer(
         raise RigError(
             f"rig '{rig.rig.name}'",
             f"got {settings.rate_hz}",
-            "set the device and the rig file to it",
+            "set the device and the rig file to that rate",
             allowed=f"{rate_hz}, the protocol's synthesis.rate_hz",
             field="accelerometer.rate_hz",
         )

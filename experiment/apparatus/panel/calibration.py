@@ -116,10 +116,10 @@ class Calibration:
     def polarity(self) -> str:
         """Which way the panel moves, in words: by the sensor alone nobody can tell which of two is turned."""
         if abs(self.found.upright) < UNHEARD:
-            return "which way a positive sample moves the panel is not clear"
+            return "the direction in which a positive sample moves the panel is unclear"
         if self.found.upright > 0:
             return "a positive sample moves the panel along the sensor's axis"
-        turned = "the sensor lies upside down, or the actuator's wires are exchanged"
+        turned = "the sensor is upside down, or the actuator's wires are swapped"
         return f"a positive sample moves the panel against the sensor's axis: {turned}"
 
 
@@ -172,7 +172,7 @@ def measure(on: Devices, *, loudest: float, seed: int) -> Calibration:
             return Calibration(found, measured.figures(found, clear), loudest, seconds)
     raise refusal(
         f"the response from {LOW_HZ:g} to {HIGH_HZ:g} Hz has a standard error of {error_db:.2f} dB",
-        "find what else shakes the panel, or raise --peak",
+        "find out what else shakes the panel, or raise --peak",
         allowed=f"{UNCERTAIN_DB:g} dB at {MOST:.0%} of the frequencies, after {LONGER} s at each level",
     )
 
@@ -201,8 +201,8 @@ def _estimated(on: Devices, loudest: float, seconds: int, rng: np.random.Generat
 def unheard(coherence: float) -> RecordingError:
     """Return why a sensor is not that of the panel that played."""
     return refusal(
-        f"the sensor hears nothing of what is played (coherence {coherence:.2f})",
-        "see that actuator and accelerometer in the rig file are those of one panel, and switched on",
+        f"the sensor does not detect the played signal (coherence {coherence:.2f})",
+        "check that actuator and accelerometer in the rig file belong to the same panel and are switched on",
         allowed=f"{UNHEARD:g} or more",
     )
 
@@ -234,13 +234,13 @@ def heard(
         begin = multisine.begins(window.samples_m_s2, round(lasts_s * heard_hz)) + BEFORE_S * heard_hz
         steady, begin_s = window.samples_m_s2[begin : begin + seconds * heard_hz], begin / heard_hz
         if not np.ptp(steady):
-            what = "the sensor sends one value again and again"
-            raise refusal(what, "plug the sensor in again, or take another cable")
+            what = "the sensor sends a constant value"
+            raise refusal(what, "unplug and reconnect the sensor, or try another cable")
         lost = [gap for gap in window.gaps if begin_s - gap.lasts_s < gap.at_s < begin_s + seconds]
         if not lost:
             return multisine.spectra(steady, lines_hz, rate_hz=heard_hz)
     remedy = "close other programs on this computer, or correct accelerometer.rate_hz"
-    raise refusal(lost[0].sentence, remedy, allowed=f"none, in one of {TRIES} times")
+    raise refusal(lost[0].sentence, remedy, allowed=f"no loss in at least one of {TRIES} attempts")
 
 
 def check_accelerometer(rig: Rig) -> None:
@@ -249,8 +249,8 @@ def check_accelerometer(rig: Rig) -> None:
         raise RigError(
             f"rig '{rig.rig.name}'",
             "got no accelerometer.calibrated_on",
-            "write it into the rig file: the certificate has it",
-            allowed="the day on which accelerometer.full_scale_m_s2 was calibrated",
+            "write the date on its certificate into the rig file",
+            allowed="the date on which accelerometer.full_scale_m_s2 was calibrated",
         )
 
 
@@ -266,10 +266,10 @@ def write(rig_file: Path, out: Path, made: Calibration, *, load: str, today: dat
     remarks = (
         *(("SIMULATED: no panel was measured.",) if rig.rig.simulated else ()),
         f"Rig {rig.rig.name}, measured on {today} with {load} on the panel.",
-        "Acceleration of a sample of 1.0, for a small drive, as palpate calibrate actuator estimates it.",
-        "Any delay is taken out, for player and sensor share no clock.",
+        "Acceleration for a sample of 1.0 at a small drive, as estimated by palpate calibrate actuator.",
+        "Delays have been removed, because the player and the sensor do not share a clock.",
         made.polarity.capitalize() + ".",
-        f"Clocks differ by {found.drift_ppm:.2f} ppm. {made.seconds} s at each level count.",
+        f"The clocks differ by {found.drift_ppm:.2f} ppm. {made.seconds} s were evaluated at each level.",
     )
     table, content = table_beside(out), measured.table(found, remarks)
     dated = {} if settings.calibrated_on is None else {"accelerometer_calibrated_on": settings.calibrated_on}
@@ -319,7 +319,7 @@ def rewritten(rig_text: str, found: dict[str, Any]) -> str:
     document = tomlkit.parse(re.sub(" *# NOT MEASURED: `palpate calibrate actuator`.*", "", rig_text))
     actuator = document.get("actuator")
     if not isinstance(actuator, Table):
-        raise RigError("actuator", "got no table of its own", "write it as [actuator]", allowed="one")
+        raise RigError("actuator", "got no separate table", "write it as [actuator]", allowed="one")
     document["format"] = max(document.get("format", 1), 6 if SINCE_6 & found.keys() else 4)
     if "shaping" not in actuator:
         for key in ("full_scale_m_s2", "low_hz", "high_hz"):
@@ -344,5 +344,5 @@ def report(made: Calibration) -> list[str]:
         *(f"Resonance     {one.hz:.1f} Hz, standard error {one.standard_error_hz:.1g}" for one in figures.resonances),
         f"Gain          {gains}",
         f"Polarity      {made.polarity}",
-        f"Clocks        differ by {found.drift_ppm:.1f} ppm; {made.seconds} s at each level count",
+        f"Clocks        differ by {found.drift_ppm:.1f} ppm; {made.seconds} s evaluated at each level",
     ]

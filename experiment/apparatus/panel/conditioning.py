@@ -218,7 +218,7 @@ def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
     Raises `ActuatorError` if `peak` is negative or not finite.
     """
     if not (math.isfinite(peak) and peak >= 0):
-        raise ActuatorError("limiter", f"got a limit of {peak} m/s^2", allowed="a finite number, not negative")
+        raise ActuatorError("limiter", f"got a limit of {peak} m/s^2", allowed="a finite number of zero or more")
     wanted = np.asarray(waveform, dtype=np.float64)
     lowest, highest = wanted.min(initial=0.0), wanted.max(initial=0.0)
     if -peak <= lowest and highest <= peak:

@@ -82,8 +82,8 @@ def compare(
         if abs(alike) < calibration.UNHEARD:
             raise calibration.unheard(abs(alike))
         if alike < 0:
-            what = "the sensor hears the panel upside down, beside its measurement"
-            remedy = "mount the sensor as it was, and see that the actuator's two wires are not exchanged"
+            what = "the sensor is upside down compared with the panel's measurement"
+            remedy = "mount the sensor as before, and check that the actuator's two wires are not swapped"
             raise calibration.refusal(what, remedy)
         found = tuple(drifts(amplitudes, heard, reference, gain=expected_gain(measured, peak)))
         worst = max(found, key=lambda one: one.standard_error_db)
@@ -91,7 +91,7 @@ def compare(
             return found
     raise calibration.refusal(
         f"the level at {worst.hz:.0f} Hz has a standard error of {worst.standard_error_db:.2f} dB",
-        "find what else shakes the panel",
+        "find out what else shakes the panel",
         allowed=f"{UNCERTAIN_DB:g} dB, after {LONGER} s",
     )
 
@@ -104,11 +104,11 @@ def louder_db(found: Sequence[Drift]) -> float:
 def judged(found: Sequence[Drift], rig_file: Path) -> Finding:
     """Return what a comparison shows: it passes, warns, or refuses the rig."""
     most = max(found, key=lambda one: abs(one.db))
-    what, allowed = f"at {most.hz:.0f} Hz its panel differs by {most.db:+.2f} dB from its measurement", ""
+    what, allowed = f"at {most.hz:.0f} Hz, its panel differs by {most.db:+.2f} dB from its measurement", ""
     if abs(most.db) < WARNED_DB:
         return Finding(what, rig_file, allowed=f"less than {WARNED_DB:g} dB", verdict="passes")
-    remedy = Remedy("see that nothing lies on the panel, or run {}", CALIBRATE, suffices=False)
-    allowed = f"less than {WARNED_DB:g} dB; from {REFUSED_DB:g} dB on nobody is run"
+    remedy = Remedy("check that nothing is on the panel, or run {}", CALIBRATE, suffices=False)
+    allowed = f"less than {WARNED_DB:g} dB; sessions are refused from {REFUSED_DB:g} dB"
     return Finding(
         what, rig_file, allowed=allowed, remedy=remedy, verdict="refuses" if abs(most.db) >= REFUSED_DB else "warns"
     )
@@ -127,7 +127,7 @@ def compare_panel(rig_file: Path, rig: Rig) -> tuple[Finding, float]:
     Raises `RigError` from `REFUSED_DB` on, and `PalpateError` for the devices.
     """
     if (measured := rig.actuator.measured) is None:
-        raise RigError.at(Finding("nobody measured its panel", rig_file, remedy=Remedy("run {}", CALIBRATE)))
+        raise RigError.at(Finding("its panel was never measured", rig_file, remedy=Remedy("run {}", CALIBRATE)))
     reference, peak = (
         open_movement(rig_file.parent, measured, rate_hz=rig.actuator.rate_hz).reference,
         measured.check_peak,

@@ -52,7 +52,7 @@ class Inverse:
         rate_hz, lines_hz = movement.rate_hz, movement.reference.lines_hz
         if lines_hz[0] > BAND_HZ[0] or lines_hz[-1] < BAND_HZ[1]:
             got = f"a panel measured from {lines_hz[0]} to {lines_hz[-1]} Hz"
-            raise RigError("actuator.inverse_ahead_ms", f"got {got}", "leave the key out", allowed="10 to 563 Hz")
+            raise RigError("actuator.inverse_ahead_ms", f"got {got}", "leave out the key", allowed="10 to 563 Hz")
         self._movement = movement
         self.ahead_s, self.ahead = ahead_s, round(ahead_s * rate_hz)
         count = self.ahead + round(TAIL_S * rate_hz)
@@ -74,7 +74,9 @@ class Inverse:
             cost = np.where(gain > NEAR, cost * HARDER * np.maximum(gain / NEAR, 1) ** 2, cost)
         else:
             what = f"no inverse within a gain of {MOST_GAIN:g}"
-            raise RigError("actuator.inverse_ahead_ms", what, "leave the key out", allowed="a panel that has one")
+            raise RigError(
+                "actuator.inverse_ahead_ms", what, "leave out the key", allowed="a panel that has such an inverse"
+            )
         self.taps: NDArray[np.float64] = taps / full_scale
         self.highest_gain = float(gain.max()) * MOST_GAIN
         highest = int(np.argmax(gain * inside))

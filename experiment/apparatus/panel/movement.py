@@ -57,8 +57,11 @@ def read_reference(path: Path, content: bytes) -> Reference:
     except (KeyError, TypeError, ValueError):
         table = np.empty((0, len(COLUMNS)))
     if len(table) < FEWEST or not np.isfinite(table).all() or np.any(np.diff(table[:, 0], prepend=0.0) <= 0):
-        remedy, allowed = "restore it, or measure the panel again", f"rising frequencies, {', '.join(COLUMNS)} in each"
-        raise RigError(path, "is not the response of a panel", remedy, allowed=allowed)
+        remedy, allowed = (
+            "restore it, or measure the panel again",
+            f"rising frequencies, each with {', '.join(COLUMNS)}",
+        )
+        raise RigError(path, "is not a panel response", remedy, allowed=allowed)
     hz, real, imaginary, error, _ = table.T
     return Reference(hz.astype(np.int64), real + 1j * imaginary, error)
 

@@ -52,7 +52,7 @@ def connect(device: str, address: str, refused: type[PalpateError], timeout_s: f
     except OSError as error:
         raise refused(
             f"{device} at {address}",
-            f"nothing answers there ({error.strerror or error})",
+            f"no server answers ({error.strerror or error})",
             f"start its server, or correct {device}.address in the rig file",
         ) from error
 
@@ -69,7 +69,7 @@ class PcmActuator:
         """
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
-            raise ActuatorError(f"actuator address '{address}'", "allowed is host:port, such as 127.0.0.1:4711")
+            raise ActuatorError(f"actuator address '{address}'", "it must be host:port, such as 127.0.0.1:4711")
         self._address, self._name = address, f"actuator at {address}"
         self.rate_hz = rate_hz
         self._condition = condition
@@ -85,7 +85,7 @@ class PcmActuator:
     def prepare(self, stimulus: Waveform) -> Played:
         """Limit, shape and keep a stimulus; `ActuatorError` if there is none, or an earlier one may still play."""
         if not self.is_silent():
-            raise ActuatorError(self._name, "an earlier stimulus may still play", RESTART)
+            raise ActuatorError(self._name, "an earlier stimulus may still be playing", RESTART)
         played = self._condition(stimulus)
         self._cut.clear()
         self._prepared, self._fault = played.samples, None
@@ -101,7 +101,7 @@ class PcmActuator:
         if samples is not None:
             self._play(samples.tobytes())
         elif self._cut.is_set():
-            self._fault = _undelivered(self._clock.now_ns(), "it was taken back before it began")
+            self._fault = _undelivered(self._clock.now_ns(), "it was canceled before it began")
 
     def play_silence(self, seconds: float) -> float:
         """Play zeros for so long, as `landed` plays a stimulus, and return `closed_ms`."""
@@ -149,7 +149,7 @@ class PcmActuator:
                 raise ActuatorError(self._name, problem, RESTART) from error
         if sent:
             remedy = "correct actuator.address in the rig file"
-            raise ActuatorError(self._name, "the server sends data, as a sensor's does", remedy)
+            raise ActuatorError(self._name, "the server sends data, so it may be a sensor's server", remedy)
 
     def _play(self, data: bytes) -> None:
         connection = connect("actuator", self._address, ActuatorError, AHEAD_S)
@@ -161,12 +161,12 @@ class PcmActuator:
                 self._reset(connection)
         except TimeoutError as error:
             self._reset(connection)
-            remedy = Remedy("{} measures what a server does", DOCTOR, suffices=False)
+            remedy = Remedy("{} tests the server", DOCTOR, suffices=False)
             raise ActuatorError(self._name, str(error), remedy) from error
         except OSError as error:
             # Its far end has closed, so nothing plays there any more.
             problem = f"the connection broke ({error.strerror or error})"
-            raise ActuatorError(self._name, problem, "see that its server runs") from error
+            raise ActuatorError(self._name, problem, "check that its server is running") from error
         finally:
             connection.close()
             self._playing = False
@@ -195,7 +195,7 @@ class PcmActuator:
                         connection.shutdown(socket.SHUT_WR)
             except BlockingIOError:
                 if at < len(data) and behind_ns > 0:
-                    raise TimeoutError(f"the server stopped taking samples after {passed_ns / 1e9:.2f} s") from None
+                    raise TimeoutError(f"the server stopped accepting samples after {passed_ns / 1e9:.2f} s") from None
                 if behind_ns > CLOSE_S * 1e9:
                     raise TimeoutError(f"the server did not close within {CLOSE_S:g} s after the last sample") from None
             self._cut.wait(LOOK_S)
@@ -204,7 +204,7 @@ class PcmActuator:
         self._cut.wait(max(-behind_ns, 0) / 1e9)
         self.closed_ms = behind_ns / 1e6
         if self._cut.is_set() or late_ns > 0:
-            reason = "it was cut off" if self._cut.is_set() else f"samples went out {late_ns / 1e6:.0f} ms late"
+            reason = "it was cut off" if self._cut.is_set() else f"samples were sent {late_ns / 1e6:.0f} ms late"
             self._fault = _undelivered(began_ns, reason)
 
     def _reset(self, connection: socket.socket) -> None:

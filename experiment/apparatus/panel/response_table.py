@@ -75,7 +75,7 @@ def parse(path: Path, content: bytes) -> Response:
             f"acceleration_pp_m_s2: got {row.acceleration_pp_m_s2:g} at {row.drive_vrms:g} Vrms after {before:g} at "
             "the level below",
             "measure that frequency again",
-            allowed="more, for a response that does not rise with the drive has no inverse",
+            allowed="more, because a response that does not rise with the drive has no inverse",
             line=row.line,
         )
     return Response(
@@ -128,7 +128,7 @@ def _rows(path: Path, content: bytes) -> list[_Row]:
         if pair in lines:
             raise _wrong(path, line, f"{where}, as in line {lines[pair]}", "one row for each", "remove one of them")
         if rows and pair < (rows[-1].frequency_hz, rows[-1].drive_vrms):
-            allowed = "rising frequencies, and rising drive levels at each"
+            allowed = "rising frequencies, with rising drive levels at each"
             raise _wrong(path, line, f"{where} after line {rows[-1].line}", allowed, "sort the table")
         lines[pair] = line
         rows.append(row)

@@ -30,8 +30,8 @@ def simulated_table(where: Path | str, rig_folder: Path, rig: Rig) -> Finding | 
     shaping = rig.actuator.shaping
     if rig.rig.simulated or shaping is None or not is_simulated(response_table(rig_folder, shaping)):
         return None
-    what, remedy = f"{shaping.response} says that it is SIMULATED", "measure the loaded panel, and name that table"
-    return Finding(what, where, allowed="a table that was measured", remedy=remedy)
+    what, remedy = f"{shaping.response} is marked SIMULATED", "measure the loaded panel, and enter its table"
+    return Finding(what, where, allowed="a measured table", remedy=remedy)
 
 
 def unmeasured_panel(rig_file: Path, rig: Rig, today: date) -> Finding | None:
@@ -43,25 +43,25 @@ def unmeasured_panel(rig_file: Path, rig: Rig, today: date) -> Finding | None:
     if rig.rig.simulated:
         return None
     if measured is None:
-        return Finding("nobody measured its panel", rig_file, allowed="a table [actuator.measured]", remedy=remedy)
+        return Finding("its panel was never measured", rig_file, allowed="an [actuator.measured] table", remedy=remedy)
     if is_simulated(response_table(rig_file.parent, measured)):
-        what = f"{measured.response} says that it is SIMULATED"
-        return Finding(what, rig_file, allowed="a panel that was measured", remedy=remedy)
+        what = f"{measured.response} is marked SIMULATED"
+        return Finding(what, rig_file, allowed="a measured panel", remedy=remedy)
     made, days = measured.calibrated_on, measured.calibration_days
     if rig.accelerometer is None or rig.accelerometer.stays is False:
         days = min(days, UNHEARD_DAYS)
     if not 0 <= (today - made).days <= days:
         if made > today:
-            remedy = Remedy("see whether the clock is right, or run {}", CALIBRATE, suffices=False)
+            remedy = Remedy("check that the clock is right, or run {}", CALIBRATE, suffices=False)
         allowed = f"0 to {days} days before {today}"
         return Finding(f"its panel was measured on {made}", rig_file, allowed=allowed, remedy=remedy)
     for key, stated, then in _scales(rig):
         if stated != then:
-            allowed = f"{then:g}, as when its panel was measured"
+            allowed = f"{then:g}, the value when its panel was measured"
             return Finding(f"got {stated:g}", rig_file, field=key, got=f"{stated:g}", allowed=allowed, remedy=remedy)
     for key, found, then_sha256 in _drivers(rig):
         if found != then_sha256:
-            what = "its driver is not that with which the panel was measured"
+            what = "its driver differs from the one used to measure the panel"
             return Finding(what, rig_file, field=key, allowed="the same file", remedy=remedy)
     return None
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from palpate.experiment.protocol.kinds.tapping import Tapping
 
 UNKNOWN = (
-    "How far the force is off is not known: that needs the mass of the device's tip (servo.tip_mass_kg), and a block "
-    "with a stiffness that is held, without crossovers."
+    "The force error is unknown. Computing it requires the mass of the device's tip (servo.tip_mass_kg) and a block "
+    "with constant stiffness and no crossovers."
 )
 
 
@@ -41,10 +41,10 @@ def refuse_beyond(virtual: Tapping, device: ServoRig, tracker: TrackerRig, *, li
 def refusal(virtual: Tapping, told: str, *, rig: str) -> Finding:
     """Return why no participant is run on a rig of which `judged` says so."""
     return Finding(
-        "got a force that is off by too much, or nobody knows by how much",
+        "got a force error that is too large or unknown",
         f"rig '{rig}'",
-        allowed=f"{100 * (virtual.force_error_max or 0.0):.6g} %, by tapping.force_error_max. {told}",
-        remedy="take a sensor with less noise, a faster servo, or a block with less damping",
+        allowed=f"{100 * (virtual.force_error_max or 0.0):.6g} % (tapping.force_error_max). {told}",
+        remedy="use a sensor with less noise, a faster servo, or a block with less damping",
     )
 
 

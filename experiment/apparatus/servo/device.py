@@ -61,7 +61,7 @@ def decode(message: bytes) -> tuple[int, Pair, bool] | None:
     return sequence, (out_n, along_n), bool(flags & FAST)
 
 
-RUNS = "see that it runs, then go on"
+RUNS = "check that it is running, then continue"
 """What to do with a device that no longer answers."""
 
 
@@ -80,7 +80,7 @@ class ForceDevice:
             self._line = socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S)
             self._line.sendall(bytes.fromhex(secret))
         except OSError as error:
-            why = f"nothing answers there ({error.strerror or error})"
+            why = f"no server answers ({error.strerror or error})"
             raise self._trouble(why, "start its server, or correct servo.address in the rig file") from error
         self._line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._line.setblocking(False)
@@ -107,7 +107,7 @@ class ForceDevice:
         except OSError as error:
             raise self._disconnected(error) from error
         if sent != len(message) or len(self._unanswered) >= MOST_OPEN:
-            raise self._trouble("it reads nothing more", RUNS)
+            raise self._trouble("it stopped reading", RUNS)
         self._unanswered.append((self._sequence % _SEQUENCES, now_ns or 0))
         self._sequence += 1
         return sent_n
@@ -124,7 +124,7 @@ class ForceDevice:
         whole = len(self._heard) // ANSWER.size * ANSWER.size
         for sequence, dropped in ANSWER.iter_unpack(self._heard[:whole]):
             if not self._unanswered or self._unanswered.popleft()[0] != sequence:
-                got = f"got an answer to message {sequence}, which was not the next"
+                got = f"got an answer to message {sequence} out of order"
                 allowed = "one answer to each message, in order"
                 raise self._trouble(got, "restart it; if it happens again, update its firmware", allowed=allowed)
             self.dropped += dropped == DROPPED

@@ -118,8 +118,8 @@ class ServoProcess:
             self.close()
             raise ServoError(
                 "servo",
-                f"no frame of the tracker at {self._orders.port} for {STARTS_S:g} s",
-                f"see that it is powered, connected and sampling, {self._decoder.kind}",
+                f"the tracker at {self._orders.port} sent no frame for {STARTS_S:g} s",
+                f"check that it is powered, connected and sampling, {self._decoder.kind}",
             )
         # A device that stands still takes connections, and answers nothing.
         answered_ns = monotonic_ns() + int(1e6 * ANSWERS_MS)
@@ -160,15 +160,17 @@ class ServoProcess:
         try:
             heard = self._line.hear(SLICE_S)
         except EOFError:
-            raise ServoError("servo", "its process has ended; nothing is pushed", "resume the session") from None
+            raise ServoError(
+                "servo", "its process has ended, so no force is applied now", "resume the session"
+            ) from None
         now_ns = monotonic_ns()
         if heard:
             self._heard_ns = now_ns
         elif self._heard_ns is not None and now_ns - self._heard_ns > STANDS_NS + self._orders.stall_ms * 1e6:
             silent_s = (now_ns - self._heard_ns) / 1e9
             self._heard_ns = None
-            stood = f"its process stands still: it has said nothing for {silent_s:.1f} s"
-            raise ServoError("servo", stood, "see what held the machine up")
+            stood = f"its process has sent nothing for {silent_s:.1f} s"
+            raise ServoError("servo", stood, "find out what slowed down the computer")
         places: list[tuple[int, Pair]] = []
         for kind, content, sent_ns in heard:
             if kind == process.SAMPLES:
@@ -188,9 +190,9 @@ class ServoProcess:
                 self.counts = json.loads(content)
             elif kind == process.STOOD:
                 stood_s = (monotonic_ns() - process.TIME.unpack(content)[0]) / 1e9
-                lost = f"after {process.HEARTBEAT_NS / 1e9:g} s the servo took the block away"
-                stood = f"the session stood still for {stood_s:.1f} s; {lost}"
-                raise ServoError(stood, remedy="see what held the machine up")
+                lost = f"after {process.HEARTBEAT_NS / 1e9:g} s, the servo removed the block"
+                stood = f"the session froze for {stood_s:.1f} s; {lost}"
+                raise ServoError(stood, remedy="find out what slowed down the computer")
             elif kind == process.ENDED:
                 where, what, remedy, allowed = json.loads(content)
                 raise ServoError(where, what, remedy, allowed=allowed)

@@ -20,15 +20,15 @@ from palpate.experiment.protocol.kinds.tapping import Tapping
 def servo_of(rig: Rig) -> ServoRig:
     """Return the force device of a rig for virtual surfaces; `RigError` if it has none."""
     remedy = "add driver, address, full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file"
-    return needed(rig, "servo", rig.servo, remedy, "for virtual surfaces need it")
+    return needed(rig, "servo", rig.servo, remedy, "because virtual surfaces need it")
 
 
 def refuse_system() -> None:
     """Raise `ServoError` where no process can be given a socket and memory that are open, as on Windows."""
     if os.name != "posix":
         raise ServoError(
-            "virtual surfaces are rendered to a hand on Linux and macOS alone; nothing was opened",
-            remedy="run the session there; rehearsals go on here",
+            "palpate renders virtual surfaces to a hand only on Linux and macOS; no device was opened",
+            remedy="run the session on Linux or macOS; rehearsals also work here",
         )
 
 
@@ -52,7 +52,7 @@ def open_servo(
     if REHEARSAL in (where, hand):
         raise RigError.at(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
     if not clock.simulated and tracker.driver != FRAMES:
-        remedy = "have the device send palpate's frames: palpate docs rigs"
+        remedy = "make the device send palpate's frames: palpate docs rigs"
         raise RigError(
             f"rig '{rig.rig.name}'", f"got '{tracker.driver}'", remedy, allowed=FRAMES, field="tracker.driver"
         )

@@ -105,20 +105,20 @@ def _needed(virtual: Tapping, device: ServoRig, tracker: TrackerRig, observer: O
 def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[bool, str]:
     """Return whether a device may render a protocol's block, and in sentences what damping that takes, and why."""
     k, c, observer = virtual.stiffness_n_m, virtual.damping_n_s_m, follower(virtual, device, tracker)
-    block = f"The block has {k:g} N/m and {c:g} N s/m at {virtual.rate_hz} Hz, with forces {device.delay_ms:g} ms late"
+    block = f"The block has {k:g} N/m and {c:g} N s/m, at {virtual.rate_hz} Hz with a delay of {device.delay_ms:g} ms"
     has = f"this one has {device.damping_n_s_m:g} N s/m"
     if device.hand_damping_n_s_m:
-        has += f", and {device.hand_damping_n_s_m:g} N s/m are counted on from the hand ({device.hand_damping_source})"
+        has += f", plus {device.hand_damping_n_s_m:g} N s/m assumed for the hand ({device.hand_damping_source})"
     if observer is not None and observer.mass_kg < (least := least_kg(virtual, tracker)):
-        return False, f"{block}; it trembles on less than {least:g} kg, and the device has {observer.mass_kg:g} kg."
+        return False, f"{block}; it oscillates below {least:g} kg, and the device's mass is {observer.mass_kg:g} kg."
     needed, worst_hz = _needed(virtual, device, tracker, observer)
     if observer is None:
-        speed = "; the hand's speed is the difference of two samples"
-        speed += f"; the crossover at {worst_hz:g} Hz asks for most" if virtual.crossovers_hz else ""
+        speed = "; the hand's speed is the difference between two samples"
+        speed += f"; the crossover at {worst_hz:g} Hz needs the most damping" if virtual.crossovers_hz else ""
     else:
-        speed = f"; the servo is told the force that it sent, and a mass of {observer.mass_kg:g} kg"
+        speed = f"; the servo estimates motion from the force that it sent and a mass of {observer.mass_kg:g} kg"
     fits = needed <= device.borne_n_s_m
-    told = f"{block}{speed}: that is passive on a device with {needed:.4g} N s/m of its own, and {has}."
+    told = f"{block}{speed}. It is passive if the device has at least {needed:.4g} N s/m of damping; {has}."
     return fits, f"{told} {_of_a_late_cycle(virtual, device)}" if fits else told
 
 
@@ -127,8 +127,8 @@ def _of_a_late_cycle(virtual: Tapping, device: ServoRig) -> str:
     late_ms = SILENT_NS / 1e6
     most_mj = device.full_scale_n * virtual.fastest_mm_s / 1e3 * late_ms
     return (
-        f"A cycle may come up to {late_ms:g} ms late before the force ends; the force held meanwhile gives the hand up "
-        f"to {most_mj:.3g} mJ more, {device.full_scale_n:g} N times {virtual.fastest_mm_s:g} mm/s times {late_ms:g} ms."
+        f"A cycle may be up to {late_ms:g} ms late before the force ends. In this time, the force can give the hand up "
+        f"to {most_mj:.3g} mJ ({device.full_scale_n:g} N times {virtual.fastest_mm_s:g} mm/s times {late_ms:g} ms)."
     )
 
 
@@ -136,12 +136,12 @@ def refuse_beyond(virtual: Tapping, device: ServoRig, tracker: TrackerRig, *, ri
     """Refuse, with a `RigError`, a block that the device of that rig does not bear."""
     fits, why = judged(virtual, device, tracker)
     if not fits:
-        weigh = "Weigh the device's tip (servo.tip_mass_kg), or take " if device.tip_mass_kg is None else "Take "
+        weigh = "Weigh the device's tip (servo.tip_mass_kg), or use " if device.tip_mass_kg is None else "Use "
         lowered = bearable_n_s_m(virtual, device, tracker)
-        less = f"less damping (it bears {lowered:.3g} N s/m)" if lowered else "less damping"
+        less = f"less damping (at most {lowered:.3g} N s/m)" if lowered else "less damping"
         raise RigError(
             f"rig '{rig}'",
-            "got a block that may give energy to the hand",
-            allowed=f"a passive one. {why} {weigh}a softer block, {less}, a faster servo, or a device with more "
-            "damping of its own",
+            "got a block that is not passive",
+            allowed=f"a passive block. {why} {weigh}a softer block, {less}, a faster servo, or a device with more "
+            "damping",
         )

@@ -267,7 +267,7 @@ class Servo:
             raise ServoError(
                 f"force device at {self._orders.address}",
                 f"no answer for {waited_ns / 1e6:.1f} ms",
-                "restart the device and push its line in, then go on",
+                "restart the device and reconnect its cable, then continue",
                 allowed=f"{self._orders.answer_ms:g} ms (servo.answer_ms in the rig file)",
             )
 
@@ -292,7 +292,9 @@ class Servo:
         try:
             data = self._port.take()
         except VANISHED as error:
-            raise ServoError(where, f"the port has gone ({reason(error)})", "plug the device in again") from error
+            raise ServoError(
+                where, f"the port has disappeared ({reason(error)})", "plug in the device again"
+            ) from error
         samples = 0
         if data:
             self._decoder, frames = self._decoder.feed(data)
@@ -315,7 +317,7 @@ class Servo:
         silent_ns = now_ns - self._arrived_ns
         if self._arrived_ns and silent_ns > self._orders.stall_ms * 1e6:
             late = f"no frame for {silent_ns / 1e6:.0f} ms"
-            raise ServoError(where, late, "see that the device is powered, connected and sampling")
+            raise ServoError(where, late, "check that the device is powered, connected and sampling")
         if silent_ns > SILENT_NS + 1e9 / self._orders.tracker_hz:
             self._fall_silent("without the hand")
         return samples

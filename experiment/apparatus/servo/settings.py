@@ -11,29 +11,29 @@ from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, R
 
 
 def _servo_rules(table: Any) -> Iterator[Broken]:
-    """`hand_damping_n_s_m` and `hand_damping_source` stand together, beside `tip_mass_kg`."""
+    """`hand_damping_n_s_m` and `hand_damping_source` need each other, and both need `tip_mass_kg`."""
     yield from port_rules(table)
     hand, source = table.get("hand_damping_n_s_m"), table.get("hand_damping_source")
     if (hand is None) != (source is None):
-        yield Broken(("hand_damping_source",), "hand_damping_n_s_m and its source; both or neither")
+        yield Broken(("hand_damping_source",), "hand_damping_n_s_m and its source, both or neither")
     if hand is not None and table.get("tip_mass_kg") is None:
-        yield Broken(("tip_mass_kg",), "the mass of the device's tip, kg, beside hand_damping_n_s_m")
+        yield Broken(("tip_mass_kg",), "the mass of the device's tip, kg, together with hand_damping_n_s_m")
 
 
 class ServoRig(Confined):
-    """What pushes the hand.
+    """The device that pushes the hand.
 
     Attributes:
-        driver: a server of palpate's force messages over TCP, or a class of a module as the tracker's.
-        address: of the server, or what a driver of your own opens.
+        driver: a server for palpate's force messages over TCP, or a class of a module as for the tracker.
+        address: of the server, or for your own driver to open.
         full_scale_n: largest force of the device.
-        damping_n_s_m: its own measured damping; limits the stiffness of blocks.
-        delay_ms: from the hand's place to its force.
-        answer_ms: time to answer a message, or pushing ends.
-        tip_mass_kg: moving mass, weighed; without it, speed is the difference of two samples.
-        hand_damping_n_s_m: counted on from a finger; 0 if left out.
+        damping_n_s_m: its measured damping; limits the stiffness of blocks.
+        delay_ms: from the hand's position to its force.
+        answer_ms: longest time to answer a message; after this time, the force ends.
+        tip_mass_kg: moving mass, weighed; without it, speed is the difference between two samples.
+        hand_damping_n_s_m: damping that a finger adds; 0 if omitted.
         hand_damping_source: who measured it.
-        band_hz: where the force is 3 dB down; every frequency if left out.
+        band_hz: frequency at which the force is 3 dB down; unlimited if omitted.
     """
 
     RULES: ClassVar[Rules] = _servo_rules

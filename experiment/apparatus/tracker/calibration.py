@@ -99,13 +99,13 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     if (at := _unfit(counts, spreads, rises)) is not None:
         way = "rise or all fall" if counts[-1] == counts[0] else "rise" if rises else "fall"
         read = ", ".join(f"{each:g} counts at {one.mm:g} mm" for each, one in zip(counts, by_height, strict=True))
-        pair = f"those at {by_height[at].mm:g} and {by_height[at + 1].mm:g} mm do not fit each other"
-        pair = f"{pair}, with a spread of {max(spreads[at : at + 2]):.1f}"
+        pair = f"the readings at {by_height[at].mm:g} and {by_height[at + 1].mm:g} mm are inconsistent"
+        pair = f"{pair}, with an SD of {max(spreads[at : at + 2]):.1f}"
         raise TrackerError(
             "calibration",
             f"got {read}; {_blame(by_height, counts, spreads, rises) or pair}",
-            "see that nothing moves, or leave out heights that the sensor cannot tell apart",
-            allowed=f"readings that all {way} with height, {APART:g} spreads apart",
+            "make sure nothing moves, or leave out heights that the sensor cannot distinguish",
+            allowed=f"readings that all {way} with height, at least {APART:g} SD apart",
         )
     mm = np.array([one.mm for one in by_height])
     order = np.argsort(counts)
@@ -116,10 +116,10 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
         if abs(off_mm) > BROKEN_PART * abs(mm[i + 1] - mm[i - 1]):
             raise TrackerError(
                 "calibration",
-                f"got {counts[i]:g} counts at {mm[i]:g} mm, which the line through its neighbours puts at "
+                f"got {counts[i]:g} counts at {mm[i]:g} mm; the line through its neighbors gives "
                 f"{mm[i] - off_mm:.1f} mm",
-                "see that nothing moved and the sensor sits as it should, or add heights between",
-                allowed=f"off by at most {BROKEN_PART:g} of the distance between them",
+                "check that nothing moved and the sensor is in place, or add heights in between",
+                allowed=f"off by at most {BROKEN_PART:g} of the distance between the neighbors",
             )
     noises = spreads * np.abs(np.gradient(mm, counts))
     rows = zip(np.rint(counts).astype(int).tolist(), mm.tolist(), residuals, noises.tolist(), strict=True)
@@ -139,7 +139,7 @@ def _blame(by_height: Sequence[Level], counts: Floats, spreads: Floats, rises: b
     alone = [i for i in every.tolist() if _unfit(counts[every != i], spreads[every != i], rises) is None]
     if counts.size < 4 or len(alone) != 1:
         return ""
-    return f"that at {by_height[alone[0]].mm:g} mm alone does not fit the others"
+    return f"only the reading at {by_height[alone[0]].mm:g} mm does not fit the others"
 
 
 def heights_asked(text: str) -> tuple[float, ...]:
@@ -160,7 +160,7 @@ def walk(tracker: Tracker, heights_mm: Sequence[float], *, ask: Callable[[str], 
     """
     levels, link = [], LinkCounts()
     for place, mm in enumerate(heights_mm, start=1):
-        ask(f"Height {place} of {len(heights_mm)}: hold the target {mm:g} mm above the panel. Press Enter: ")
+        ask(f"Height {place} of {len(heights_mm)}: hold the target {mm:g} mm above the panel, then press Enter: ")
         # Frames that came and went before Enter was pressed say nothing of the line.
         tracker.drain()
         before = tracker.counts
@@ -187,24 +187,24 @@ def report(made: Calibration) -> Iterator[str]:
     for point in made.points:
         residual = "-" if point.residual_mm is None else f"{point.residual_mm:.3f}"
         yield f"{point.counts:6d} {point.mm:7.2f} {residual:>13} {point.noise_mm:10.3f}"
-    yield "Residual: from the line through a point's neighbours; about a quarter of it is left between points."
-    yield from (f"Look: {one.sentence()}." for one in doubts(made))
+    yield "Residual: distance from the line through a point's neighbors; between points, about a quarter remains."
+    yield from (f"Check: {one.sentence()}." for one in doubts(made))
 
 
 def doubts(made: Calibration) -> Iterator[Finding]:
     """Yield what is to be questioned in a calibration."""
     for before, point, after in zip(made.points, made.points[1:], made.points[2:], strict=False):
         if abs(point.residual_mm or 0.0) > BENT_PART * abs(after.mm - before.mm):
-            mend = "see that the target was there, or add heights"
-            yield Finding(f"{point.mm:g} mm lies far from that line", remedy=mend, verdict="warns")
+            mend = "check that the target was at that height, or add heights"
+            yield Finding(f"the point at {point.mm:g} mm is far from that line", remedy=mend, verdict="warns")
     for point in made.points:
         if point.noise_mm > NOISY_MM:
             what = f"the noise at {point.mm:g} mm is above {NOISY_MM:g} mm"
-            yield Finding(what, remedy="fasten the sensor, and hold the target still", verdict="warns")
+            yield Finding(what, remedy="fasten the sensor, and keep the target still", verdict="warns")
     if any(made.link[1:]):
         lost = f"{made.link.lost} frames were lost, {made.link.damaged} damaged and {made.link.repeated} repeated"
-        remedy = Remedy("take a shorter cable or another USB port, for {} is red for it", DOCTOR, suffices=False)
-        yield Finding(f"{lost} beside {made.link.received} received", remedy=remedy, verdict="warns")
+        remedy = Remedy("use a shorter cable or another USB port; {} will show this in red", DOCTOR, suffices=False)
+        yield Finding(f"{lost}; {made.link.received} were received", remedy=remedy, verdict="warns")
 
 
 def table(rig: Rig) -> str:

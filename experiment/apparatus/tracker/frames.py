@@ -180,7 +180,7 @@ class Decoder(NamedTuple):
     def kind(self) -> str:
         """Return in words which frames are read, and by which key of the rig file."""
         has, size = "a" if self.readings == 2 else "no", FRAME_BYTES[self.readings]
-        return f"{size} bytes a frame: the rig file has {has} tracker.along_calibration or tracker.force"
+        return f"{size} bytes per frame: the rig file has {has} tracker.along_calibration or tracker.force"
 
     def skipped(self) -> Decoder:
         """Return the decoder after bytes were thrown away: the gap they leave is not counted as lost."""

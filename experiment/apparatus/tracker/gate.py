@@ -160,20 +160,20 @@ class Scrutiny:
         off = 1 - periods * self._period_us / fell_us.sum()
         if abs(off) > RATE_PART:
             return (
-                f"the tracker's times lie {fell_us.mean():.0f} us apart, and {self._rate_hz} frames a second are "
-                f"{self._period_us:.0f} us apart; write the device's rate as rate_hz, or have its clock mended"
+                f"the tracker's times are {fell_us.mean():.0f} us apart, but at {self._rate_hz} frames per second they "
+                f"should be {self._period_us:.0f} us apart; correct rate_hz, or have the device's clock repaired"
             )
         if periods - fell_us.size > missing:
-            frames = f"{periods - fell_us.size:.0f} frames where {missing} are missing"
-            return f"the tracker's times leave room for {frames}; restart it, or have its clock mended"
+            frames = f"{periods - fell_us.size:.0f} frames, but only {missing} are missing"
+            return f"the tracker's times have gaps for {frames}; restart it, or have its clock repaired"
         longest_us = max(apart_us[top], apart_us[bottom - 1])
         if longest_us > HOLE_US:
-            return f"no reading for {longest_us / 1e3:.0f} ms where the foot crossed the gate; take a shorter cable"
+            return f"no reading for {longest_us / 1e3:.0f} ms while the foot crossed the gate; use a shorter cable"
         jumps_mm = self._jumps_mm(us, mm, np.arange(max(top, 1), min(bottom, us.size - 2)))
         if jumps_mm.max(initial=0.0) > 0:
             worst = max(top, 1) + int(np.argmax(jumps_mm))
             jump = f"from {mm[worst]:.1f} to {mm[worst + 1]:.1f} mm"
-            return f"the tracker's heights jump {jump} inside the gate, as no foot does; fasten the sensor"
+            return f"the tracker's heights jump {jump} inside the gate, which no foot can do; fasten the sensor"
         return ""
 
     def _reachable(self, one: tuple[int, float], other: tuple[int, float]) -> bool:
@@ -240,7 +240,7 @@ class GateDetector:
         top_mm, bottom_mm = self._levels_mm[:2]
         if lasts_us < STUCK_US or not bottom_mm <= mm <= top_mm:
             return ""
-        return f"the tracker's heights stay at {mm:.2f} mm inside the gate, as no foot's do; restart the sensor"
+        return f"the tracker's height stays at {mm:.2f} mm inside the gate, which no foot can do; restart the sensor"
 
     def passes_over(self, state: GateState, samples: Samples) -> int:
         """Return in how many of the next samples, the first of many at once, nothing can happen: all above the gate."""

@@ -47,7 +47,7 @@ class GuardedTracker:
             if not isinstance(counts, LinkCounts):
                 raise TypeError(f"got {counts!r:.60}, not LinkCounts")
             if not all(isinstance(count, int | np.integer) for count in counts) or min(counts.since(self._counts)) < 0:
-                raise ValueError(f"got {counts!r:.90}, not whole numbers that never fall")
+                raise ValueError(f"got {counts!r:.90}, not whole numbers that never decrease")
             self._counts = counts
             return counts
 
@@ -56,7 +56,7 @@ class GuardedTracker:
         with _blamed(self._named, "clock_map"):
             clock_map = self._tracker.clock_map
             if not (clock_map is None or isinstance(clock_map, ClockMap)):
-                raise TypeError(f"got {clock_map!r:.60}, not a ClockMap, nor None")
+                raise TypeError(f"got {clock_map!r:.60}, neither a ClockMap nor None")
             return clock_map
 
     def drain(self) -> None:
@@ -69,14 +69,14 @@ class GuardedTracker:
             if not isinstance(samples, Samples):
                 raise TypeError(f"got {samples!r:.60}, not Samples")
             if not samples.device_us.shape == samples.height_mm.shape == samples.ends.shape != (0,):
-                raise ValueError("device_us, height_mm and ends are not of one length, at least 1")
+                raise ValueError("device_us, height_mm and ends do not have the same length, at least 1")
             if self._planar and (samples.along_mm is None or samples.along_mm.shape != samples.ends.shape):
-                raise ValueError("along_mm, of a planar tracker, is not of that length")
+                raise ValueError("along_mm, which a planar tracker needs, does not have the same length")
             _check(samples, self._newest)
             # Of several frames the first alone may have been torn.
             first = self._planar and self._newest is None and samples.ends.size > 1
             if first and not Decoder(readings=2).feed(samples.raw)[1].link.received:
-                raise ValueError("raw holds no frame of two readings, as encode makes them")
+                raise ValueError("raw contains no frame with two readings, as encode makes them")
             self._newest = samples
             return samples
 
@@ -101,18 +101,18 @@ def _check(samples: Samples, before: Samples | None) -> None:
     us, mm, ends = samples.device_us, samples.height_mm, samples.ends
     if us.ndim != 1 or us.dtype.kind != "i" or ends.dtype.kind != "i" or mm.dtype.kind != "f":
         raise ValueError(f"got arrays of {us.dtype}, {mm.dtype} and {ends.dtype}, not rows of int, float and int")
-    for name, read in (("height", mm), ("place along the face", samples.along_mm)):
+    for name, read in (("height", mm), ("position along the face", samples.along_mm)):
         if read is not None and not np.isfinite(read).all():
             raise ValueError(f"got a {name} of {read[~np.isfinite(read)][0]} mm")
     times = us if before is None else np.concatenate([before.device_us[-1:], us])
     later = times[1:] > times[:-1]
     if not later.all():
         at = int(np.argmin(later))
-        raise ValueError(f"got a device time of {times[at + 1]} us after one of {times[at]} us; times must rise")
+        raise ValueError(f"got a device time of {times[at + 1]} us after one of {times[at]} us; times must increase")
     if ends[0] < 0 or ends[-1] > len(samples.raw) or (ends[1:] < ends[:-1]).any():
-        raise ValueError(f"got ends that are no places in {len(samples.raw)} raw bytes, in order")
+        raise ValueError(f"got ends that are not places in {len(samples.raw)} raw bytes, in order")
     if not isinstance(samples.arrived_ns, int | np.integer) or (before and samples.arrived_ns < before.arrived_ns):
-        raise ValueError(f"got an arrival at {samples.arrived_ns!r:.60} ns; arrivals are whole and never go back")
+        raise ValueError(f"got an arrival at {samples.arrived_ns!r:.60} ns; arrivals must be whole and never decrease")
 
 
 @contextmanager
@@ -125,7 +125,7 @@ def _blamed(named: str, part: str) -> Iterator[None]:
         raise TrackerError(
             "tracker",
             f"its driver '{named}' failed at `{part}` ({error_words(error)})",
-            "restart the device, or have the driver mended",
+            "restart the device, or have the driver corrected",
         ) from error
 
 
@@ -149,9 +149,9 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
 
 
 def _not_a_driver(rig: Rig, error: BaseException) -> RigError:
-    remedy = "put its file beside the rig file, install its package, or correct the rig file"
+    remedy = "put its file in the folder of the rig file, install its package, or correct the rig file"
     if isinstance(error, ImportError) and error.name is not None and error.name.partition(".")[0] == "experiment":
-        remedy = "have it import from palpate.experiment.apparatus"
+        remedy = "make it import from palpate.experiment.apparatus"
     return RigError(
         f"rig '{rig.rig.name}'",
         f"got '{tracker_of(rig).driver}' ({error_words(error)})",

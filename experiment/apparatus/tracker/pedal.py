@@ -52,7 +52,7 @@ class Pedal:
         beats = 0
         for _ in range(BEGINS_LOOKS):
             if DOWN in (data := self._take()):
-                raise PedalError(self._name, "is pressed", "release it, and see that its contact closes")
+                raise PedalError(self._name, "is pressed", "release it, and check that its contact closes")
             beats += len(data)
             if beats >= BEATS:
                 return
@@ -64,7 +64,7 @@ class Pedal:
         except VANISHED as error:
             raise self._fault(reason(error)) from error
         if strange := data.translate(None, UP + DOWN):
-            raise self._fault(f"sent {strange[:8].hex(' ')}, which no pedal sends")
+            raise self._fault(f"sent {strange[:8].hex(' ')}, which is not a pedal's message")
         return data
 
     def _fault(self, what: str) -> PedalError:

@@ -60,7 +60,7 @@ def port_of(identity: str) -> str | None:
 def present(table: str) -> str:
     """Return what is connected, as part of a message for who corrects a table of the rig file."""
     found = ", ".join(device.port for device in devices())
-    return f"connected are {found}; set {table}.port in the rig file" if found else "no serial port is connected"
+    return f"connected ports are {found}; set {table}.port in the rig file" if found else "no serial port is connected"
 
 
 def holders(port: str) -> tuple[str, ...]:
@@ -158,7 +158,7 @@ class SerialPort:
             # Another look may have taken what `wait` saw. A port that has gone seems ready all the time, and is empty.
             data = part = self._read()
             if not data and self._ready(0.0) and not (data := self._read()):
-                raise OSError(errno.EIO, "it seems ready but returns no data, as a device that was unplugged")
+                raise OSError(errno.EIO, "it seems ready but returns no data; it may be unplugged")
             while len(part) >= LINE_BYTES and len(data) < LARGEST_READ and self._ready(refill_s):
                 try:
                     data += (part := self._read())
@@ -224,8 +224,8 @@ def open_port(port: str, baud: int, device: str) -> serial.Serial:
     try:
         return serial.serial_for_url(port, baudrate=baud, timeout=0, exclusive=True)
     except OSError as error:
-        busy = f"{', '.join(holders(port)) or 'another program'} holds it", "close that program"
-        unknown = reason(error), f"see that it is a serial port and in order; {present(device)}"
+        busy = f"{', '.join(holders(port)) or 'another program'} is using it", "close that program"
+        unknown = reason(error), f"check that it is a working serial port; {present(device)}"
         what, remedy = {
             errno.ENOENT: ("no such port", present(device)),
             errno.EACCES: ("not permitted", "let this user open serial ports (on Linux: group dialout)"),

@@ -163,7 +163,7 @@ class SerialTracker:
                 self.close()
         self.close()
         away = f"not back within {timeout_s:g} s ({why})"
-        raise TrackerStopped(f"tracker at {self._name}", away, "plug it in again, and see that it samples")
+        raise TrackerStopped(f"tracker at {self._name}", away, "plug it in again, and check that it is sampling")
 
     def close(self) -> None:
         if self._closing:
@@ -259,7 +259,7 @@ class SerialTracker:
             self._fail(
                 TrackerError(
                     f"tracker at {self._name}",
-                    f"the device's clock no longer runs on from {self._decoder.device_us} us; it restarted, or its "
+                    f"the device's clock no longer continues from {self._decoder.device_us} us; it restarted, or its "
                     "firmware does not count microseconds",
                     "plug it in again, then resume the session",
                 )
@@ -290,18 +290,18 @@ class SerialTracker:
 
     def _unplugged(self, error: Exception) -> TrackerStopped:
         return TrackerStopped(
-            f"tracker at {self._name}", f"the port has gone ({reason(error)})", "plug the device in again"
+            f"tracker at {self._name}", f"the port has disappeared ({reason(error)})", "plug in the device again"
         )
 
     def _silent(self) -> TrackerStopped:
         if len(self._raw) > FRAME_BYTES[self._settings.readings]:
             return TrackerStopped(
                 f"tracker at {self._name}",
-                f"{len(self._raw)} bytes, but no good frame for {self._stall_ms} ms",
-                f"see that the device sends palpate's frames at {self._settings.baud} baud, {self._decoder.kind}",
+                f"{len(self._raw)} bytes, but no valid frame for {self._stall_ms} ms",
+                f"check that the device sends palpate's frames at {self._settings.baud} baud, {self._decoder.kind}",
             )
         return TrackerStopped(
             f"tracker at {self._name}",
             f"no frame for {self._stall_ms} ms",
-            "see that the device is powered, connected to tracker.port and sampling",
+            "check that the device is powered, connected to tracker.port and sampling",
         )

@@ -22,24 +22,24 @@ FRAMES = "palpate-frames"
 def _tracker_rules(table: Any) -> Iterator[Broken]:
     """`baud` is at least 120 times `rate_hz`, because a frame takes 120 bits, or 140 times with two readings.
 
-    From point to point of a calibration the counts rise, and the heights, or places, rise or fall all the way. None
-    has both `along_calibration` and `force`.
+    In a calibration, the counts rise from point to point, and the heights, or positions, always rise or always fall. No
+    tracker has both `along_calibration` and `force`.
     """
     from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
 
     baud, rate_hz = table.get("baud"), table.get("rate_hz")
     second = [key for key in ("along_calibration", "force") if table.get(key) is not None]
     if len(second) == 2:
-        yield Broken(("force",), "no such table beside along_calibration: a frame has two readings at most")
+        yield Broken(("force",), "no such table with along_calibration: a frame has at most two readings")
     frame = FRAME_BYTES[2 if second else 1]
     if isinstance(baud, int) and isinstance(rate_hz, int) and baud < 10 * frame * rate_hz:
-        yield Broken(("baud",), f"at least {10 * frame * rate_hz}: {rate_hz} frames of {frame} bytes a second")
+        yield Broken(("baud",), f"at least {10 * frame * rate_hz}: {rate_hz} frames of {frame} bytes per second")
     yield from _rising("calibration", table.get("calibration"), "heights")
     yield from _rising("along_calibration", table.get("along_calibration"), "places")
 
 
 def _force_rules(table: Any) -> Iterator[Broken]:
-    """From point to point of the calibration the counts rise, and the forces rise or fall all the way."""
+    """In the calibration, the counts rise from point to point, and the forces always rise or always fall."""
     yield from _rising("calibration", table.get("calibration"), "forces", "n")
 
 
@@ -50,7 +50,7 @@ def _rising(key: str, points: Any, called: str, unit: str = "mm") -> Iterator[Br
     mm = [point.get(unit) if isinstance(point, dict) else None for point in points]
     for i, (before, after) in enumerate(pairwise(counts), start=1):
         if isinstance(before, int) and isinstance(after, int) and after <= before:
-            yield Broken((key, i, "counts"), f"more than at the point before it ({before})")
+            yield Broken((key, i, "counts"), f"more than at the previous point ({before})")
     heights = [height for height in mm if isinstance(height, int | float)]
     if len(heights) < max(len(mm), 2):
         return
@@ -58,15 +58,15 @@ def _rising(key: str, points: Any, called: str, unit: str = "mm") -> Iterator[Br
     for i, (before, after) in enumerate(pairwise(heights), start=1):
         if before == after or (after > before) != rises:
             way = "more" if rises else "less"
-            yield Broken((key, i, unit), f"{way} than at the point before it ({before}), as {called} began")
+            yield Broken((key, i, unit), f"{way} than at the previous point ({before}), as {called} started")
 
 
 class CalibrationPoint(Confined):
-    """A reading and where it was taken.
+    """A reading at a known position.
 
     Attributes:
         counts: reading.
-        mm: height above the panel, or place along the face.
+        mm: height above the panel, or position along the face.
     """
 
     counts: Annotated[int, Field(ge=0, le=65535)]
@@ -74,7 +74,7 @@ class CalibrationPoint(Confined):
 
 
 class ForcePoint(Confined):
-    """A reading and the force that was on the panel.
+    """A reading with a known force on the panel.
 
     Attributes:
         counts: reading.
@@ -89,9 +89,9 @@ class ForceRig(Confined):
     """A force sensor under the panel: the second reading of frames.
 
     Attributes:
-        sensor: what it is, and where.
+        sensor: what it is and where it is.
         calibration: readings under known forces, such as weights; between two points forces follow a straight line.
-        calibrated_on: day.
+        calibrated_on: date.
     """
 
     RULES: ClassVar[Rules] = _force_rules
@@ -105,15 +105,15 @@ class TrackerRig(Confined):
     """The sensor and its serial port.
 
     Attributes:
-        driver: palpate's own for its frames, or a class of a module beside the rig file or of an installed package.
+        driver: palpate's driver for its frames, or a class of a module in this folder or of an installed package.
         port: device path, or URL for pyserial such as `socket://127.0.0.1:4711`.
-        baud: bits a second.
-        rate_hz: frames a second.
-        stall_ms: silence that counts as stopped.
+        baud: bits per second.
+        rate_hz: frames per second.
+        stall_ms: a tracker silent for this long counts as stopped.
         calibration: readings at known heights; heights between two points follow a straight line.
-        calibrated_on: day; needed by a real rig.
-        calibration_days: validity; needed by a real rig.
-        noise_mm: rms at rest, measured.
+        calibrated_on: date; required for a real rig.
+        calibration_days: validity period; required for a real rig.
+        noise_mm: measured rms noise at rest.
         zeroing_mm: heights count from the resting foot, at most this far from contact.
         along_calibration: readings of a planar tracker, whose frames have two, at known places along the face of a
             virtual block; it pushes back along its face too. A step is followed by its height alone.

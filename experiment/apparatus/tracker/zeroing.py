@@ -41,11 +41,11 @@ def check_age(rig: Rig, today: date) -> None:
         return
     if made is None or days is None:
         got = "got a calibration without calibrated_on and calibration_days"
-        allowed = "its day, and for how many days it holds"
+        allowed = "the date, and for how many days it is valid"
         raise RigError(where, got, Remedy("run {}, which writes both", CALIBRATE), allowed=allowed)
     if made > today:
-        got, allowed = f"got {made}, which lies in the future", f"a day up to today, {today}"
-        remedy = Remedy("see whether the clock is right, or run {}", CALIBRATE, suffices=False)
+        got, allowed = f"got {made}, which is in the future", f"a date up to today, {today}"
+        remedy = Remedy("check that the clock is right, or run {}", CALIBRATE, suffices=False)
         raise RigError(f"{where}.calibrated_on", got, remedy, allowed=allowed)
     if today > made + timedelta(days=days):
         allowed = f"at most {days} days before today, {today}"
@@ -61,7 +61,7 @@ def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
             raise TrackerError(
                 "tracker",
                 f"got readings at or beyond {end_mm:g} mm, where its calibration ends",
-                Remedy("see that the sensor is in its place and sees the foot, or run {}", CALIBRATE, suffices=False),
+                Remedy("check that the sensor is in place and detects the foot, or run {}", CALIBRATE, suffices=False),
                 allowed=f"{min(calibrated):g} to {max(calibrated):g} mm",
             )
 
@@ -90,8 +90,8 @@ def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: flo
     if spread_mm > STILL_MM:
         raise TrackerError(
             "zeroing",
-            f"got heights that spread by {spread_mm:.2f} mm",
-            "rest the foot on the panel without moving",
+            f"got heights that vary by {spread_mm:.2f} mm",
+            "rest the foot on the panel and do not move it",
             allowed=f"at most {STILL_MM:g} mm",
         )
     offset_mm = float(np.median(heights_mm)) - contact_mm
@@ -99,8 +99,10 @@ def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: flo
         raise TrackerError(
             "zeroing",
             f"got an offset of {offset_mm:.2f} mm",
-            Remedy("if it does, put the sensor back, then run {}", CALIBRATE, suffices=False),
-            allowed=f"at most {farthest_mm:g} mm either way (tracker.zeroing_mm); rest the foot on the bare panel",
+            Remedy(
+                "if the foot was on the panel, put the sensor back in place, then run {}", CALIBRATE, suffices=False
+            ),
+            allowed=f"at most {farthest_mm:g} mm up or down (tracker.zeroing_mm); rest the foot on the bare panel",
         )
     return Zero(offset_mm, spread_mm, heights_mm.size)
 

@@ -119,7 +119,7 @@ class ButtonBox:
             if not self.lines:
                 # It had begun before the port was opened.
                 return None
-            raise self._fault(f"sent {line[:16].hex(' ')}, which no board of buttons sends")
+            raise self._fault(f"sent {line[:16].hex(' ')}, which is not a message from a button board")
         self.lines += 1
         counted = int(found[2])
         before = self._last_us
@@ -136,5 +136,5 @@ class ButtonBox:
         self._delays_s.append((arrived_ns - self._state.map().session_ns(device_us)) / 1e9)
 
     def _fault(self, what: str) -> ButtonsError:
-        allowed = f"lines such as '{HEARTBEAT} 123456' ten times a second, and '1 123456' for a button that is pressed"
+        allowed = f"lines such as '{HEARTBEAT} 123456' ten times a second, and '1 123456' for each button press"
         return ButtonsError(self._name, what, "plug it in, and correct [buttons] in the rig file", allowed=allowed)

@@ -67,7 +67,7 @@ class EventButtons:
                 control(self._file, GRAB, 1)
         except OSError as error:
             os.close(self._file)
-            raise self._fault(f"is no input device that one program can have alone ({error.strerror})") from error
+            raise self._fault(f"is not an input device that palpate can use exclusively ({error.strerror})") from error
         interval_s = polling_s(port)
         self._error_s = None if recorded or interval_s is None else interval_s / sqrt(12)
 
@@ -114,7 +114,7 @@ class EventButtons:
     def _pressed(self, events: bytes) -> Iterator[Press]:
         for seconds, microseconds, sort, code, value in EVENT.iter_unpack(events):
             if (sort, code) == (SYN, DROPPED):
-                raise self._fault("lost events, for nobody read them in time")
+                raise self._fault("lost events because palpate did not read them in time")
             if sort != KEY or value != DOWN:
                 continue
             if code in self._codes:

@@ -26,18 +26,18 @@ LEAST = 0.5
 
 def refuse(rig: Rig) -> None:
     """Raise `RigError` for a rig that measures the force of the foot, which the protocol does not record."""
-    what = "its tracker.force measures the foot, and the protocol records no force"
-    remedy = "have footstep.force = true approved, or leave the table out and send frames of one reading"
+    what = "its tracker.force measures the foot's force, but the protocol does not record it"
+    remedy = "get approval for footstep.force = true, or remove the table and send frames with one reading"
     raise RigError(f"rig '{rig.rig.name}'", what, remedy)
 
 
 def check(rig: Rig) -> None:
     """Raise `RigError` for a rig without a sensor of the force."""
-    remedy = "add sensor, calibration and calibrated_on to the rig file, once the tracker's board reads the sensor"
-    needed(rig, "tracker.force", tracker_of(rig).force, remedy, "because the protocol records the force of the foot")
+    remedy = "connect the sensor to the tracker's board, then add sensor, calibration and calibrated_on to the rig file"
+    needed(rig, "tracker.force", tracker_of(rig).force, remedy, "because the protocol records the foot's force")
 
 
-ANEW = "read the sensor again with nothing and with known weights on the panel, and write the day into the rig file"
+ANEW = "calibrate the sensor again, with the empty panel and with known weights, and write the date into the rig file"
 """The remedy for a calibration that is too old."""
 
 
@@ -72,7 +72,7 @@ def pressed(raw: bytes, tracker: TrackerRig, gate_top_us: float, contact_us: flo
     air = stretch(gate_top_us - AIR_US, gate_top_us)
     rest, landed = stretch(contact_us + RESTS_US, contact_us + UNTIL_US), stretch(contact_us, contact_us + UNTIL_US)
     if air is None:
-        return Pressed(problem="too few samples came before the gate, so that nothing is its zero")
+        return Pressed(problem="too few samples came before the gate, so the force has no zero")
     if rest is None or landed is None:
         return Pressed(problem="too few samples came after contact")
     zero_n, forces_n = float(read_n[air].mean()), [point.n for point in tracker.force.calibration]

@@ -19,17 +19,17 @@ def _event_rules(table: Any) -> Iterator[Broken]:
     """At least one event has a number, and no two have the same."""
     numbers = [number for number in table.values() if number is not None]
     if not numbers or len(set(map(str, numbers))) < len(numbers):
-        yield Broken((), "a number for one event at least, and no number twice")
+        yield Broken((), "a number for at least one event, with no number used twice")
 
 
 class TriggerEvents(Confined):
-    """The number that a line sends for each event; 255 is the test of `palpate doctor`.
+    """The number that is sent for each event; `palpate doctor` sends 255 as a test.
 
     Attributes:
-        start: the session begins, or goes on after a pause.
+        start: the session begins, or continues after a pause.
         trial: an attempt at a trial is armed.
         stimulus: a stimulus of a trial begins at the actuator.
-        answer: an answer is on record.
+        answer: an answer is recorded.
         pause: the session pauses.
         end: the session ends.
     """
@@ -45,23 +45,23 @@ class TriggerEvents(Confined):
 
 
 def _trigger_rules(table: Any) -> Iterator[Broken]:
-    """`lsl` needs `stream`, `ttl` needs `port` and `baud`, and neither takes a key of the other."""
+    """`lsl` needs `stream`, `ttl` needs `port` and `baud`, and neither may have the other's keys."""
     driver, given = table.get("driver"), {key for key, value in table.items() if value is not None}
     if driver in NEEDED:
-        yield from (Broken((key,), f"this key: driver is '{driver}'") for key in NEEDED[driver] if key not in given)
+        yield from (Broken((key,), f"this key with driver '{driver}'") for key in NEEDED[driver] if key not in given)
         strange = given - {"driver", "events", *NEEDED[driver], *ALLOWED[driver]}
-        yield from (Broken((key,), f"no such key: driver is '{driver}'") for key in sorted(strange))
+        yield from (Broken((key,), f"no such key with driver '{driver}'") for key in sorted(strange))
 
 
 class TriggerRig(Confined):
-    """One line of triggers.
+    """One trigger line.
 
     Attributes:
-        driver: Lab Streaming Layer, a byte on a serial line, or a class of a module beside the rig file or installed.
-        stream: its name, as recorders list it.
-        interface: the network interface that announces it; without it, this machine alone.
+        driver: Lab Streaming Layer, a byte on a serial line, or a class of a module in this folder or installed.
+        stream: the stream's name, as recorders list it.
+        interface: network interface on which it is announced; if omitted, only on this machine.
         port: device path, or URL for pyserial.
-        baud: bits a second.
+        baud: bits per second.
         events: which are sent, and as what.
     """
 

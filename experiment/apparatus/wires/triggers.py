@@ -33,7 +33,7 @@ TEST = 255
 ENDS_S = 1.0
 """So long the end of a session waits for its lines, s."""
 
-HANGS_NS, HANGS = 1_000_000_000, "the line hangs"
+HANGS_NS, HANGS = 1_000_000_000, "the line does not respond"
 """A line that has not sent for so long is lost, and what is due for so long is not sent any more, ns."""
 
 DRIVERS = {
@@ -60,10 +60,10 @@ def described(settings: TriggerRig) -> str:
     if settings.driver == TTL:
         where = f"a byte on the serial line {settings.port}"
     elif settings.driver == LSL:
-        seen = f"announced on the interface {settings.interface}" if settings.interface else "announced on this machine"
-        where = f"the stream '{settings.stream}' of Lab Streaming Layer, {seen}"
+        seen = f"announced on interface {settings.interface}" if settings.interface else "announced on this computer"
+        where = f"the Lab Streaming Layer stream '{settings.stream}', {seen}"
     events = settings.events.model_dump(exclude_none=True)
-    return f"{where}: {', '.join(f'{event} {number}' for event, number in events.items())}; no label and no answer"
+    return f"{where}: {', '.join(f'{event} {number}' for event, number in events.items())}; no labels or answers"
 
 
 def board_words(rig: Rig) -> str:
@@ -71,8 +71,8 @@ def board_words(rig: Rig) -> str:
     lines = [described(one) for one in rig.triggers or ()]
     told = " ".join(f"Trigger line {number} is {one}." for number, one in enumerate(lines, start=1))
     streams = any(one.driver == LSL for one in rig.triggers or ())
-    port = " liblsl takes connections from any machine that reaches this one: its firewall decides." if streams else ""
-    return f"Rig '{rig.rig.name}' tells other machines of events as they happen. {told}{port}"
+    port = " liblsl accepts connections from any computer on the network; use a firewall." if streams else ""
+    return f"Rig '{rig.rig.name}' sends triggers to other devices as events happen. {told}{port}"
 
 
 def open_line(rig: Rig, number: int) -> TriggerLine:
@@ -85,7 +85,9 @@ def open_line(rig: Rig, number: int) -> TriggerLine:
         found = driver_module(file) if file is not None else importlib.import_module(module)
         return cast("TriggerLine", getattr(found, name)(settings))
     except (Exception, SystemExit) as error:  # a driver may raise anything
-        remedy = EXTRA if isinstance(error, ImportError) and error.name == "pylsl" else "plug it in, or correct the rig"
+        remedy = (
+            EXTRA if isinstance(error, ImportError) and error.name == "pylsl" else "plug it in, or correct the rig file"
+        )
         what = error.finding.observation() if isinstance(error, PalpateError) else _words(error)
         raise RigError(f"trigger line {number}", f"{described(settings)}: {what}", remedy) from error
 
@@ -307,7 +309,7 @@ class _Line:
 
     def _complain(self, problem: str) -> None:
         what = f"Trigger line {self._number} is lost: {problem}."
-        self._tell(f"{what} The session goes on without it; what it does not send is on record.")
+        self._tell(f"{what} The session continues without it; the journal records the triggers that were not sent.")
 
     def _record(self, due_ns: int, event: str, late_ms: float | None, problem: str) -> Trigger:
         number = self._numbers[event]

@@ -33,24 +33,27 @@ def analyse(
         Path | None, typer.Option("--out", help="Folder for tables, figures and report [default: inside DATASET].")
     ] = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
-    titles: Annotated[bool, typer.Option("--titles", help="Draw a title inside of each figure, for slides.")] = False,
+    titles: Annotated[bool, typer.Option("--titles", help="Put a title in each figure, for slides.")] = False,
     dissimilarities: Annotated[
         Path | None,
         typer.Option(
-            "--dissimilarities", help="CSV file of the dissimilarities of materials, as `palpate validate` writes it."
+            "--dissimilarities", help="CSV file with the dissimilarities of materials, from `palpate validate`."
         ),
     ] = None,
-    full: Annotated[bool, typer.Option("--full", help="Print every section, not the answers alone.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Print every section, not only the answers.")] = False,
     prose: Annotated[
-        bool, typer.Option("--text", help="Print methods and results paragraphs for a paper, each number with its row.")
+        bool,
+        typer.Option(
+            "--text", help="Print methods and results paragraphs for a paper, each number with its table row."
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Make the tables and the report of a dataset.
+    """Make a dataset's tables and report.
 
-    The results are confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs,
-    models of single trials, figures and one HTML report. Beside each published test stands ours, in which participants
-    are the unit. What the protocol plans stands beside what was run, and every table says whether it was planned,
+    The results are confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs,
+    ICCs, single-trial models, figures and one HTML report. Next to each published test is a test with participants
+    as the unit. The report compares the planned analysis with what was run, and marks every table as planned,
     published, ours or exploratory. A published study is compared with its paper, value by value.
     """
     _believe(*datasets)
@@ -67,12 +70,12 @@ def export(
         list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several are pooled.")
     ],
     out: Annotated[
-        Path, typer.Option("--out", help="Folder for the tables; inside a dataset it must lie below derivatives.")
+        Path, typer.Option("--out", help="Folder for the tables; inside a dataset it must be in derivatives.")
     ],
 ) -> None:
     """Write tables for R, JASP and PsychoPy users.
 
-    The tables are tidy trials, counts in the long layout, one row a participant in the wide layout, trials with
+    The tables are tidy trials, counts in the long layout, one row per participant in the wide layout, trials with
     PsychoPy's columns, everything that was left out, and a dictionary of every column.
     """
     from palpate.analysis import export as exports
@@ -89,45 +92,50 @@ def audit(
         str,
         typer.Argument(
             metavar="STUDY|FILE|DATASET",
-            help="Id of a shipped study, a paper (.html, .csv, .txt), TOML file of printed numbers, or dataset folder.",
+            help="Shipped study (its id), paper (.html, .csv, .txt), TOML file of printed numbers, or dataset folder.",
         ),
     ],
     against: Annotated[
         Path | None,
         typer.Option(
-            "--against", help="TOML file of the paper to compare a dataset with [default: that of its study's id]."
+            "--against", help="TOML file of the paper to compare a dataset with [default: the one with its study's id]."
         ),
     ] = None,
     participants: Annotated[
         str | None,
         typer.Option(
             "--participants",
-            help="Beside .html or .csv: participants of the confusion tables, one number, or one for each as 15,10.",
+            help="With .html or .csv: participants in the confusion tables, as one number or one per table (15,10).",
         ),
     ] = None,
     trials: Annotated[
         int | None,
         typer.Option(
-            "--trials", min=1, max=10_000, help="The same: trials of a participant with a material, if known and equal."
+            "--trials",
+            min=1,
+            max=10_000,
+            help="With .html or .csv: trials per participant and material, if known and the same for all.",
         ),
     ] = None,
     chance: Annotated[
         str | None,
-        typer.Option("--chance", help="The same: what t-tests of materials are against, such as 1/4 or 0.25."),
+        typer.Option(
+            "--chance", help="With .html or .csv: the chance level for t-tests of materials, such as 1/4 or 0.25."
+        ),
     ] = None,
     encoding: options.Encoding = None,
     decimal: options.Decimal = None,
     as_json: Json = False,
 ) -> None:
-    """Check whether printed numbers agree with one another or a dataset.
+    """Check printed numbers against each other or against a dataset.
 
-    The audit recomputes every statistic as the interval that rounding or truncation of the other numbers allows, asks
-    whether whole counts can stand behind means, SDs and rows, and names the simplest mistake that explains a number
-    that disagrees. Where one wrong number explains several that disagree, it alone is accused.
+    The audit recomputes every statistic as the interval that rounding or truncation of the other numbers allows. It
+    checks whether means, SDs and rows can come from whole counts, and names the simplest mistake that explains a
+    wrong number. If one wrong number explains several disagreements, only that one is reported as wrong.
 
-    From an HTML page or a CSV file it reads confusion, ANOVA and t-test tables; from a page or a text also sentences
-    such as "t(11) = 8.14, p < .001". It lists what it could not read. A TOML file holds more: `palpate docs papers`
-    shows how to write one. A disagreement is a finding and not an error, so the exit code is 0.
+    From an HTML page or a CSV file it reads confusion, ANOVA and t-test tables; from a page or a text also
+    sentences such as "t(11) = 8.14, p < .001". It lists what it could not read. A TOML file can state more:
+    `palpate docs papers` shows how to write one. A disagreement is a finding, not an error, so the exit code is 0.
     """
     from palpate.analysis.audit import audit as audits
     from palpate.analysis.published.paper import Stated
@@ -137,11 +145,11 @@ def audit(
     people = tuple(_sizes(participants, PublishedError)) if participants else ()
     share = re.fullmatch(r"0?(\.[0-9]{1,9})|([1-9][0-9]{0,3})/([1-9][0-9]{0,3})", chance or "1/2")
     if share is None or not 0 < float(share[1] or int(share[2]) / int(share[3])) < 1:
-        raise PublishedError("--chance", f"got {chance}", "give one", allowed="a share such as 1/4 or 0.25")
+        raise PublishedError("--chance", f"got {chance}", "give one", allowed="a proportion such as 1/4 or 0.25")
     file = delimited.Stated(encoding, decimal, command=options.command_line(context))
     beside = people or trials or chance or encoding or decimal or target.lower().endswith((".csv", ".tsv"))
     stated = Stated(people, trials, chance, file) if beside else None
-    with options.working("Holding the numbers against one another", quiet=as_json):
+    with options.working("Comparing the numbers", quiet=as_json):
         result = audits.audit(target, against, stated)
     options.put(result.as_dict() if as_json else result.text(options.columns(80)))
 
@@ -153,9 +161,9 @@ def power(
         str,
         typer.Option(
             "--model",
-            help="How simulated participants answer: as in the 'published' tables of this study, as in another "
-            "published study (its id), as in a dataset (its folder), as a TOML file says, or by two numbers, such "
-            "as how often right, and how unlike (0.8,0.15).",
+            help="How simulated participants answer: 'published' (as in this study's published tables), the id of "
+            "another published study, a dataset folder or a TOML file; or two numbers, such as the proportion "
+            "correct and the intraclass correlation (0.8,0.15).",
         ),
     ] = "published",
     participants: Annotated[
@@ -165,36 +173,38 @@ def power(
         int | None,
         typer.Option(
             "--studies",
-            help="How many studies to simulate of each size [default: 10000]; of thresholds, how many sessions of each "
-            "observer [default: 100].",
+            help="Number of studies to simulate for each size [default: 10000]; for thresholds, number of sessions "
+            "for each simulated observer [default: 100].",
         ),
     ] = None,
     alpha: Annotated[
-        float | None, typer.Option("--alpha", help="Level of every test [default: each test's own].")
+        float | None, typer.Option("--alpha", help="Alpha for all tests [default: each test's own].")
     ] = None,
-    target: Annotated[float, typer.Option("--target", help="The power to reach.")] = 0.8,
-    seed: Annotated[int, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Names every random draw.")] = 1,
-    jobs: Annotated[
-        int, typer.Option("--jobs", min=0, help="How many processes simulate at a time; 0 means one for each core.")
-    ] = 0,
+    target: Annotated[float, typer.Option("--target", help="Power to reach.")] = 0.8,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed for all random draws.")
+    ] = 1,
+    jobs: Annotated[int, typer.Option("--jobs", min=0, help="Number of parallel processes; 0 means one per core.")] = 0,
     looks: Annotated[
         str | None,
-        typer.Option("--looks", help="Look at the answers of so many participants, such as 10,15,20, and stop early."),
+        typer.Option("--looks", help="Numbers of participants after which a study may stop early, such as 10,15,20."),
     ] = None,
     rule: Annotated[
         str | None,
         typer.Option(
             "--rule",
-            help="With looks: what stops the design, obrien-fleming, pocock or bayes [default: obrien-fleming].",
+            help="With --looks: the stopping rule (obrien-fleming, pocock or bayes) [default: obrien-fleming].",
         ),
     ] = None,
     alike: Annotated[
         float,
-        typer.Option("--alike", help="With looks: the share of participants' spread common to tasks and materials."),
+        typer.Option(
+            "--alike", help="With --looks: share of the between-participant variance common to all tasks and materials."
+        ),
     ] = 0.5,
     scheduler: Annotated[
         str | None,
-        typer.Option("--scheduler", metavar="ADDRESS", help="Simulate on the cluster of this Dask scheduler instead."),
+        typer.Option("--scheduler", metavar="ADDRESS", help="Simulate on the cluster of this Dask scheduler."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the tables (CSV, Markdown, LaTeX) and the plot.")
@@ -203,18 +213,19 @@ def power(
 ) -> None:
     """Estimate how many participants a study needs.
 
-    Whole studies are simulated from a choice model, and each is tested as the protocol plans. The result is the power
-    by number of participants, with its Monte Carlo error, and the type I error where answers are right as often as by
-    guessing while participants differ as much. The same seed gives the same result on any number of cores or machines.
-    With --looks the answers are looked at more than once, and power, type I error and the participants on average are
-    those of stopping early. Of a detection with levels, bias and SD of the threshold of simulated observers are shown.
+    The command simulates whole studies from a choice model and tests each as planned in the protocol. The result is
+    the power by number of participants, with its Monte Carlo error, and the type I error rate when answers are at
+    chance but participants differ as much. The same seed gives the same result on any number of cores or machines. With
+    --looks, the simulated studies have interim looks, and power, type I error rate and mean number of participants
+    include early stopping. For a detection task with levels, the command shows bias and SD of the thresholds of
+    simulated observers.
     """
     from palpate.analysis.designs import planned_design
     from palpate.analysis.documents import output
     from palpate.experiment.protocol import files
 
     if rule is not None and looks is None:
-        raise PowerError("--rule", f"got {rule} without --looks", "say when to look", allowed="both, or neither")
+        raise PowerError("--rule", f"got {rule} without --looks", "add --looks", allowed="both, or neither")
     sizes = _sizes(participants)
     if out is not None:
         output.check(out, (), "power")
@@ -259,8 +270,8 @@ def power(
 def _refuse_unused(given: "Mapping[str, object]") -> None:
     """Raise `PowerError` for the first option with a value, of those that nothing uses for a detection with levels."""
     for option in (name for name, value in given.items() if value is not None):
-        remedy = "leave it out: every observer is simulated as the protocol says"
-        raise PowerError(option, "got a value that nothing uses for a detection with levels", remedy)
+        remedy = "leave it out: all observers are simulated as in the protocol"
+        raise PowerError(option, "this option has no effect for a detection task with levels", remedy)
 
 
 def _simulated(run: "Callable[..., T]", *, quiet: bool) -> "T":
@@ -276,17 +287,18 @@ def _simulated(run: "Callable[..., T]", *, quiet: bool) -> "T":
 
 @commands.command(epilog="Example: palpate numerics --quick --out numerics")
 def numerics(
-    quick: Annotated[bool, typer.Option("--quick", help="Try fewer sizes and repeats.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Use fewer sizes and repetitions.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown), plots, and what was played (.npz).")
+        Path | None,
+        typer.Option("--out", help="Folder for tables (CSV, Markdown), plots, and the played signals (.npz)."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure error against run time of every way to compute a stimulus.
+    """Measure the error and run time of each way to compute a stimulus.
 
-    Every way to compute a stimulus or voltages is measured, extreme cases are tried, each with the invariant that must
-    hold, and the error budget of what a rig plays is held against the truth. The exit code is 1 if an invariant, a
-    claimed bound or a budget does not hold.
+    The command measures each way to compute a stimulus or voltages, tries extreme cases, each with its invariant,
+    and compares the error budget of a rig's output with the truth. The exit code is 1 if an invariant, a claimed
+    bound or a budget fails.
     """
     from palpate.analysis.numerics import numerics as measured
     from palpate.analysis.numerics import report
@@ -300,7 +312,7 @@ def numerics(
         report.write(result, out)
     options.put(report.as_dict(result) if as_json else report.text(result))
     if out is not None and not as_json:
-        typer.echo(f"Tables, plots and what was played: {out}")
+        typer.echo(f"Tables, plots and played signals: {out}")
     if result.failed:
         raise typer.Exit(1)
 
@@ -314,21 +326,22 @@ def import_counts(
     context: typer.Context,
     task: Annotated[
         list[str],
-        typer.Option("--task", help="TASK=CSV, a file with the columns participant,presented,answered,count."),
+        typer.Option("--task", help="TASK=CSV: a file with the columns participant,presented,answered,count."),
     ],
     study: Annotated[str, typer.Option("--study", help="Id of the study.")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the new dataset.")],
-    source: Annotated[str | None, typer.Option("--source", help="Where the counts come from.")] = None,
+    source: Annotated[str | None, typer.Option("--source", help="Source of the counts.")] = None,
     measured: Annotated[
-        bool, typer.Option("--measured", help="These are answers of your own participants, and not counts from print.")
+        bool, typer.Option("--measured", help="The counts are answers of your own participants, not printed counts.")
     ] = False,
     encoding: options.Encoding = None,
 ) -> None:
-    """Make a dataset from counts, printed or measured.
+    """Make a dataset from printed or measured counts.
 
-    The dataset of printed counts is labelled as a reconstruction that holds no original data. With --measured it is
-    labelled IMPORTED: answers that a laboratory measured elsewhere, where a participant's number is the same person in
-    every task. The order of trials is not known of either. --source is then needed, and says where they were measured.
+    A dataset of printed counts is labeled as a reconstruction without original data. With --measured it is labeled
+    IMPORTED: answers that a laboratory measured elsewhere, in which a participant's number means the same person in
+    every task. The order of trials is unknown in both. --measured also needs --source, which states where they were
+    measured.
     """
     from palpate.experiment.dataset.imports import reconstruction
     from palpate.experiment.settings.delimited import Stated
@@ -348,96 +361,106 @@ def import_counts(
 )
 def import_trials(
     context: typer.Context,
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="CSV or JSON files of trials, one or several.")
-    ],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="One or more CSV or JSON files of trials.")],
     presented: Annotated[
-        str, typer.Option("--presented", help="Column of the material presented, or presented first.")
+        str, typer.Option("--presented", help="Column with the material presented, or presented first.")
     ],
     study: Annotated[str, typer.Option("--study", help="Id of the study.")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the new dataset.")],
     answered: Annotated[
-        str | None, typer.Option("--answered", help="Column of the answer: a material, a key, or the one chosen.")
+        str | None,
+        typer.Option("--answered", help="Column with the answer: a material, a key, or the chosen material."),
     ] = None,
     correct: Annotated[
-        str | None, typer.Option("--correct", help="Without --answered: column of right or wrong, of two materials.")
+        str | None, typer.Option("--correct", help="Without --answered, for two materials: column with right or wrong.")
     ] = None,
     second: Annotated[
-        str | None, typer.Option("--second", help="Of comparisons: column of the material presented second.")
+        str | None, typer.Option("--second", help="For comparisons: column with the material presented second.")
     ] = None,
-    participant: Annotated[
-        str | None, typer.Option("--participant", help="Column that tells participants apart.")
-    ] = None,
+    participant: Annotated[str | None, typer.Option("--participant", help="Column with the participant.")] = None,
     in_name: Annotated[
         str | None,
         typer.Option(
             "--participant-in-name",
-            help="Instead of a column: where a file's name has the label, such as 'sub-{}_*.csv'.",
+            help="Instead of a column: where the label is in the file name, such as 'sub-{}_*.csv'.",
         ),
     ] = None,
     task: Annotated[
-        str | None, typer.Option("--task", help="Column that tells tasks, or groups, apart [default: one task].")
+        str | None, typer.Option("--task", help="Column with the task or group [default: one task].")
     ] = None,
     trial: Annotated[
         str | None,
-        typer.Option("--trial", help="Column of the trial's number in a task [default: the order of the lines]."),
+        typer.Option("--trial", help="Column with the trial's number in its task [default: the order of the rows]."),
     ] = None,
     session: Annotated[
-        str | None, typer.Option("--session", help="Column that tells sessions of one participant and task apart.")
+        str | None,
+        typer.Option("--session", help="Column with the session, if a participant did a task more than once."),
     ] = None,
-    seconds: Annotated[str | None, typer.Option("--seconds", help="Column of response times in seconds.")] = None,
-    milliseconds: Annotated[str | None, typer.Option("--milliseconds", help="The same in milliseconds.")] = None,
+    seconds: Annotated[str | None, typer.Option("--seconds", help="Column with response times in seconds.")] = None,
+    milliseconds: Annotated[
+        str | None, typer.Option("--milliseconds", help="Column with response times in milliseconds.")
+    ] = None,
     answers: Annotated[
-        list[str] | None, typer.Option("--map", help="KEY=MATERIAL, what a key or code stands for as an answer.")
+        list[str] | None,
+        typer.Option("--map", help="KEY=MATERIAL: the material that a key or code means as an answer."),
     ] = None,
     shown: Annotated[
-        list[str] | None, typer.Option("--map-presented", help="CODE=MATERIAL, the same of the material presented.")
+        list[str] | None,
+        typer.Option(
+            "--map-presented", help="CODE=MATERIAL: the material that a code means in the --presented column."
+        ),
     ] = None,
     where: Annotated[
-        list[str] | None, typer.Option("--where", help="COLUMN=VALUE, take only rows with this value there.")
+        list[str] | None, typer.Option("--where", help="COLUMN=VALUE: use only rows with this value.")
     ] = None,
     leave_out: Annotated[
         list[str] | None,
         typer.Option(
             "--leave-out",
-            help="COLUMN=VALUE, leave out and count rows with this value there; * is any, [*, *] any list; or *=again.",
+            help="COLUMN=VALUE: exclude rows with this value and report how many (* means any value, [*, *] any list); "
+            "or *=again: exclude exact copies of earlier rows.",
         ),
     ] = None,
     missing_time: Annotated[
         list[str] | None,
-        typer.Option("--missing-time", help="Response times that count as missing: negative, zero, or a cell."),
+        typer.Option(
+            "--missing-time", help="Response times to treat as missing: negative, zero, or the value of a cell."
+        ),
     ] = None,
     material: Annotated[
         list[str] | None,
         typer.Option(
             "--material",
-            help="A material; repeat in the order wanted in the tables [default: those presented, alphabetically].",
+            help="A material; repeat this option in the order for the tables [default: presented materials, A to Z].",
         ),
     ] = None,
     people: Annotated[
-        list[str] | None, typer.Option("--map-participant", help="CELL=LABEL, who a cell of --participant stands for.")
+        list[str] | None,
+        typer.Option(
+            "--map-participant", help="CELL=LABEL: the participant that a cell in the --participant column means."
+        ),
     ] = None,
     source: Annotated[
-        str, typer.Option("--source", help="Where, when and with what the answers were measured.")
-    ] = "the tables of the laboratory",
+        str, typer.Option("--source", help="Where, when and how the answers were measured.")
+    ] = "the laboratory's tables",
     encoding: options.Encoding = None,
     decimal: options.Decimal = None,
     as_json: Json = False,
 ) -> None:
-    """Make a dataset from another program's files of trials.
+    """Make a dataset from another program's trial files.
 
-    The files are CSV, as PsychoPy, jsPsych, OpenSesame, Gorilla and spreadsheets write them, or the JSON of jsPsych.
-    Rows without a material are instructions or breaks, and are passed over; an empty answer, or None, is a trial
-    without an answer. With --second, trials are comparisons of two materials. The dataset is labelled IMPORTED: a
-    laboratory's own answers, measured elsewhere. The files are not copied into it, for they may say who took part; it
-    holds the line of each trial and the hash of each file.
+    The files are CSV from PsychoPy, jsPsych, OpenSesame, Gorilla or a spreadsheet, or JSON from jsPsych. Rows
+    without a material are instructions or breaks and are skipped; an empty answer, or None, is a trial without an
+    answer. With --second, trials are comparisons of two materials. The dataset is labeled IMPORTED: a laboratory's
+    own answers, measured elsewhere. It does not contain copies of the files, because they may identify
+    participants; it stores the line of each trial and the hash of each file.
     """
     from palpate.experiment.dataset.imports import imported, layout
     from palpate.experiment.settings.delimited import Stated
 
     if seconds is not None and milliseconds is not None:
         raise PalpateError(
-            "got --seconds and --milliseconds", remedy="give the one that the file has", allowed="one of them"
+            "got --seconds and --milliseconds", remedy="give the one for the file's unit", allowed="one of them"
         )
     columns = layout.Layout(
         presented,
@@ -474,16 +497,16 @@ def import_trials(
 def status(
     study: options.StudyPlace,
     figure: Annotated[
-        Path | None, typer.Option("--figure", help="Draw the flow of participants too, as .svg, .png or .pdf.")
+        Path | None, typer.Option("--figure", help="Also draw the flow of participants, as .svg, .png or .pdf.")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say how far a study is, and what is to be done next.
+    """Show a study's progress and its next step.
 
-    The order of a participant's tasks is not shown before their first session has begun. Nothing is changed. The exit
-    code is 1 if anything speaks against the evidence.
+    The order of a participant's tasks is not shown until their first session has begun. This command changes no
+    files. The exit code is 1 if there is any doubt about the evidence.
     """
-    options.at_once("Reading the study; that takes some seconds.")
+    options.at_once("Reading the study; this takes a few seconds.")
     if figure is not None and figure.suffix.lower() not in (".svg", ".png", ".pdf"):
         raise PalpateError(
             f"--figure {figure}", f"got the suffix '{figure.suffix}'", "give one", allowed=".svg, .png, .pdf"
@@ -505,7 +528,7 @@ def status(
 def status_of(study: Path) -> "Status":
     """Return how far a study is, with who is excluded by its rules where its tables can tell.
 
-    A protocol file of which there is no study yet stands for what was practised of it, if anything was.
+    A protocol file of which there is no study yet stands for what was practiced of it, if anything was.
     """
     from dataclasses import replace
 
@@ -514,8 +537,8 @@ def status_of(study: Path) -> "Status":
     from palpate.experiment.dataset import tables
 
     if study.is_file():
-        own, practised = (options.default_folder(study, practice=one) for one in (False, True))
-        study = practised if practised.exists() and not own.exists() else study
+        own, practiced = (options.default_folder(study, practice=one) for one in (False, True))
+        study = practiced if practiced.exists() and not own.exists() else study
     found = statuses.status(study, day(wall_ns()))
     done = {one.participant for one in found.those("done")}
     if found.doubts:
@@ -528,7 +551,7 @@ def status_of(study: Path) -> "Status":
         tables.check_tables(found.root)
         whole = [one for one in reading.read(found.root).exclusions if one.trial is None and one.participant in done]
     except PalpateError as error:
-        what = f"Who is excluded is not known: {error.finding.observation()}"
+        what = f"The exclusions are unknown: {error.finding.observation()}"
         unknown = Finding(what, allowed=error.finding.allowed, remedy=error.finding.remedy)
         return replace(found, excluded=None, reminders=(*found.reminders, unknown))
     return replace(found, excluded={one.participant: one.reason for one in whole})
@@ -576,7 +599,8 @@ def _sizes(text: str, error: type[PalpateError] = PowerError, option: str = "--p
         match = re.fullmatch(r"\s*([0-9]{1,6})(?:\s*-\s*([0-9]{1,6}))?\s*", part)
         if match is None or (match[2] and int(match[2]) < int(match[1])):
             raise error(
-                f"{option}: got {text!r}; allowed: whole numbers and rising ranges between commas, such as 5,10,20-30"
+                f"{option}: got {text!r}; allowed: whole numbers and ascending ranges, separated by commas, such as "
+                "5,10,20-30"
             )
         found += range(int(match[1]), int(match[2] or match[1]) + 1)
     return found

@@ -22,34 +22,34 @@ def desk(
     study: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[STUDY]", help="Protocol file, or folder of a study's dataset [default: the study of this folder]."
+            metavar="[STUDY]", help="Protocol file, or folder of a study's dataset [default: the study in this folder]."
         ),
     ] = None,
     rig: Annotated[
-        Path | None, typer.Option("--rig", help="Rig file of this laboratory [default: the one of this folder].")
+        Path | None, typer.Option("--rig", help="Rig file of this laboratory [default: the one in this folder].")
     ] = None,
     dataset: StudyFolder = None,
     by: AtConsole = "console",
-    lines: Annotated[bool, typer.Option("--lines", help="Run its sessions on lines of text.")] = False,
+    lines: Annotated[bool, typer.Option("--lines", help="Run sessions in a plain-text console.")] = False,
 ) -> None:
-    """Do a study's usual steps from one screen.
+    """Carry out a study's usual steps from one screen.
 
-    It lists what can be done: write, check and seal a protocol; choose, calibrate and check a rig; pilot, enrol, ask
-    for facts, consent; practise, begin, resume, record incidents, withdraw; amend, suspend; analyse, verify and share.
-    What cannot be done now is grey, with the reason and the way to it. Enter runs the command that is chosen, and the
-    desk comes back after it. What is concealed stays so. `palpate` alone opens the desk in an empty
-    folder, or one with a protocol.
+    The desk lists the available steps: write, check and seal a protocol; choose, calibrate and check a rig; pilot,
+    enroll, ask for facts, consent; practice, begin, resume, record incidents, withdraw; amend, suspend; analyze,
+    verify and share. Unavailable steps are gray, with the reason and what to do about it. Enter runs the chosen
+    command, and the desk returns after it. Concealed orders remain concealed. `palpate` alone opens the desk in an
+    empty folder, or one with a protocol.
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         status = ("palpate", "status", str(dataset or study or "STUDY"))
         raise LinkError("the desk needs a terminal", remedy=Remedy("{} prints a study's progress as text", status))
-    options.check_terminal("leave the redirection out")
+    options.check_terminal("remove the redirection")
     options.at_once("Opening the desk ...")
     from palpate.experiment.cli.desk import home
     from palpate.experiment.cli.desk.place import Place
 
     if study is not None and study.is_dir():
-        home.show_status(study, refuses="To begin sessions here, open the desk with the study's protocol file.")
+        home.show_status(study, refuses="To start sessions here, open the desk with the study's protocol file.")
         return
     here = Place.here()
     session = ("--by", by, *(("--lines",) if lines else ()))
@@ -61,22 +61,24 @@ def screen(
     protocol_file: ProtocolFile,
     participant: Participant = "01",
     rig: Annotated[
-        Path | None, typer.Option("--rig", help="Rig file, whose table [screen] is used [default: a full screen].")
+        Path | None, typer.Option("--rig", help="Rig file with a [screen] table [default: a full screen].")
     ] = None,
     dataset: StudyFolder = None,
-    practice: Annotated[bool, typer.Option("--practice", help="Of a session of `palpate run --practice`.")] = False,
+    practice: Annotated[
+        bool, typer.Option("--practice", help="For a practice session (`palpate run --practice`).")
+    ] = False,
     session_at: Annotated[Path | None, typer.Option("--session-at", hidden=True, help="Socket of the session.")] = None,
 ) -> None:
-    """Open the participant's screen of a session.
+    """Open the participant's screen for a session.
 
-    `palpate run` opens it where the rig file has a table [screen]; this command opens it again, or before the session
-    begins. It shows instructions, when to step and when to answer, breaks, and the choice of the masker's level. What
-    is presented never reaches it. The session goes on without it.
+    `palpate run` opens it if the rig file has a [screen] table; this command opens it again, or before the session
+    begins. It shows instructions, when to step and when to answer, breaks, and the choice of the masker's level. It
+    never receives what is presented. The session continues without it.
 
-    It is closed by Ctrl-C, with its window, or by itself a minute after the session has ended. It needs PsychoPy, which
-    palpate[lab] installs.
+    Close it with Ctrl-C or its window; otherwise it closes one minute after the session has ended. It needs
+    PsychoPy, which palpate[lab] installs.
     """
-    options.at_once("The participant's screen opens; that takes some seconds.")
+    options.at_once("Opening the participant's screen; this takes a few seconds.")
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.apparatus.display import ScreenRig
     from palpate.experiment.desk import screen as screens

@@ -12,7 +12,7 @@ def amend(study: Study) -> Deed:
     refuses, first = study.unfilled or study.unsealed, "edit" if study.unfilled else "seal"
     begun, renewal = bool(study.roster.consent_on), False
     if not begun:
-        refuses, first = (Finding("nobody is enrolled: the dataset follows its protocol"),), ""
+        refuses, first = (Finding("nobody is enrolled, so no amendment is needed: edit the protocol"),), ""
     elif not refuses:
         known = study.roster.approvals(approvals.read_first(study.root))
         renewal = known.version_of(approval.sha256(study.protocol)) is not None
@@ -25,14 +25,17 @@ def amend(study: Study) -> Deed:
             Field("Consent again", "--reconsent", "everybody", check=one_of("everybody", "nobody")),
         )
     )
-    hint = "In progress: finish by the old version, the session by the old one, or no trial of it (old, session, new)."
+    hint = (
+        "In progress: participants who have begun finish all tasks (old), only the current session (session), or no "
+        "more trials (new) under the old version."
+    )
     return deed(
         "amend",
         "amend",
         str(study.file),
         *study.dataset,
         fields=(*fields, day_field("From", "--from", wanted=False)),
-        hint="Empty: from today on." if renewal else hint,
+        hint="Empty: from today." if renewal else hint,
         refuses=refuses,
         first=first,
     )
@@ -46,7 +49,7 @@ def suspend(study: Study) -> Deed:
         day_field("Ended on", "--ended-on", wanted=False),
         Field("Reason", "--reason"),
     )
-    hint = "Fill in one day, as YYYY-MM-DD, and the reason, without names. An end cannot be undone."
+    hint = "Fill in one day (YYYY-MM-DD) and the reason, without names. Ending a study cannot be undone."
     return _of_begun(study, "suspend", "amend", fields, hint)
 
 
@@ -57,13 +60,16 @@ def incident(study: Study) -> Deed:
         Field("Deviation", "--deviation", wanted=False),
         Field("Done", "--done"),
         day_field("Happened on", "--on", str(study.today)),
-        day_field("Board told on", "--informed-on", wanted=False),
+        day_field("Board informed on", "--informed-on", wanted=False),
         Field("Participant", "--participant", wanted=False),
         Field("Took part", "--took-part", wanted=False),
         Field("Exchanged", "--exchanged", NO, flag=True),
     )
-    hint = "Fill in one of the first two, without names. The journal of the participant's latest session notes it."
-    hint += " Took part: TASK=LABEL of whoever did that session. Exchanged: each of the two under the other's label."
+    hint = "Fill in one of the first two, without names. The journal of the participant's latest session gets a note."
+    hint += (
+        " Took part: TASK=LABEL of the person who did that session. Exchanged: the two took part under each other's "
+        "labels."
+    )
     return _of_begun(study, "incident", "incident", fields, hint)
 
 

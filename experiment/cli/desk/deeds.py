@@ -30,7 +30,7 @@ EDITORS = ("nano", "notepad")
 def scene(place: Place) -> Scene:
     """Return everything that can be done at a place, and what prevents the rest."""
     if place.protocol is None:
-        what, facts = Finding("there is no study in this folder yet"), (("Protocol", "none in this folder yet"),)
+        what, facts = Finding("this folder does not contain a study yet"), (("Protocol", "none in this folder"),)
         return Scene("palpate", facts, _deeds({"new": _new()}, (what,), "new"), "new")
     try:
         study = Study(place, place.protocol)
@@ -56,7 +56,7 @@ def scene(place: Place) -> Scene:
         "enrol": _enrol(study),
         "facts": _tell_facts(study),
         "consent": _consent(study),
-        "practise": _practise(study),
+        "practice": _practice(study),
         "begin": _session(study, "begin"),
         "resume": _session(study, "resume"),
         "incident": board.incident(study),
@@ -76,15 +76,15 @@ def _deeds(own: Mapping[str, Deed], refuses: tuple[Finding, ...], first: str) ->
 def _facts(study: Study) -> Iterator[tuple[str, str]]:
     state, seal = sealing.state(study.file, study.protocol, study.today)
     if not study.unsealed and seal is not None:
-        state = f"Sealed until {seal.expires_on}, approval number {seal.approval_number}."
+        state = f"Sealed until {seal.expires_on} (approval {seal.approval_number})."
     yield "Protocol", f"{study.file}. {state}"
     if study.place.rig is None:
-        yield "Rig", "none chosen; practice needs none"
+        yield "Rig", "none chosen (not needed for practice)"
     else:
         yield "Rig", f"{study.place.rig}. {study.unusable[0].observation() if study.unusable else 'Usable today.'}"
     status = study.status
     people = (
-        f"{len(status.those('done'))} done of {status.planned} planned, {len(status.people)} enrolled"
+        f"{len(status.those('done'))} of {status.planned} planned done, {len(status.people)} enrolled"
         if status
         else "nobody is enrolled"
     )
@@ -93,7 +93,7 @@ def _facts(study: Study) -> Iterator[tuple[str, str]]:
 
 def _next(study: Study, deeds: Mapping[str, Deed]) -> str:
     """Return what comes next in the course of a study."""
-    course = ["practise"] if study.data is None else ["edit"] if study.unfilled else []
+    course = ["practice"] if study.data is None else ["edit"] if study.unfilled else []
     course += ["seal", "rig", "resume", "begin", "consent", "enrol", "analyse"]
     wanted = {"rig": study.place.rig is None}
     return next((name for name in course if not deeds[name].refuses and wanted.get(name, True)), "check")
@@ -105,7 +105,7 @@ def _new() -> Deed:
 
 def _open(place: Place) -> Deed:
     there = [name for name in files_with("study") if place.protocol is None or Path(name) != place.protocol]
-    refuses = () if there else (Finding("there is no other study in this folder"),)
+    refuses = () if there else (Finding("this folder does not contain another study"),)
     fields = (Field("Protocol", "", next(iter(there), ""), check=_readable),)
     hint = f"Here: {', '.join(there)}."
     return replace(deed("open", fields=fields, hint=hint, refuses=refuses), command=("open",))
@@ -124,8 +124,8 @@ def _edit(file: Path) -> Deed:
         editor = [one.strip('"') for one in shlex.split(named, posix=os.name != "nt")] or [found or ""]
     except ValueError:
         editor = [""]
-    what = f"EDITOR is {quoted(named)}, which cannot be started" if named else "no editor is set (EDITOR)"
-    none = Finding(f"{what}; open {file} in a window of your own", remedy="the desk reads it again")
+    what = f"EDITOR is {quoted(named)}, which was not found" if named else "no editor is set (EDITOR)"
+    none = Finding(f"{what}; open {file} in your own editor", remedy="the desk reloads it when you save")
     return replace(deed("edit", refuses=() if shutil.which(editor[0]) else (none,)), command=(*editor, str(file)))
 
 
@@ -137,13 +137,13 @@ def _seal(study: Study) -> Deed:
     refuses, first = study.unfilled, "edit"
     sealed = approval.seal_path(study.file).exists()
     if sealed and not study.unsealed:
-        refuses, first = (Finding("this version is sealed already"),), ""
+        refuses, first = (Finding("this version is already sealed"),), ""
     fields = (
         Field("Approval number", "--approval-number"),
         day_field("Approved on", "--approved-on"),
         day_field("Expires on", "--expires-on"),
     )
-    hint = "As on the board's letter. Days as YYYY-MM-DD."
+    hint = "Copy these from the board's letter. Write dates as YYYY-MM-DD."
     command = ("seal", str(study.file), *(("--replace",) if sealed else ()))
     return deed("seal", *command, fields=fields, hint=hint, refuses=refuses, first=first)
 
@@ -152,7 +152,7 @@ def _rig(place: Place) -> Deed:
     there = files_with("rig")
     text = str(place.rig) if place.rig else "rig.toml"
     hint = f"Here: {', '.join(there)}. " if there else ""
-    hint += "A name that is new here becomes a rig file to begin from, which is to be calibrated."
+    hint += "A new name creates a starter rig file, which you then calibrate."
     recordings = Field("Recordings", "", str(place.recordings or ""), wanted=False)
     return replace(deed("rig", fields=(Field("Rig file", "", text), recordings), hint=hint), command=("rig",))
 
@@ -166,7 +166,7 @@ def _calibrate(study: Study) -> Deed:
         Field("Rig file", "--rig", str(rig or "")),
         Field("New rig file", "--out", new),
     )
-    hint = "Devices: tracker, audio, actuator. The result is a new rig file: choose it with rig."
+    hint = "Devices: tracker, audio, actuator. The result is a new rig file; choose it with 'rig'."
     refuses = () if rig else study.unusable
     return deed("calibrate", "calibrate", fields=fields, hint=hint, refuses=refuses, first="rig")
 
@@ -184,7 +184,11 @@ def _pilot(study: Study) -> Deed:
     named = study.place.dataset is not None and not study.pilots
     refuses = (Finding(f"the desk was opened with the dataset {study.root}"),) if named else ()
     there = () if study.pilots else (str(root),)
-    what = "Change back to the study." if study.pilots else f"Change to the pilot in {root}, no data of the study."
+    what = (
+        "Switch back to the study."
+        if study.pilots
+        else f"Switch to the pilot in {root}, separate from the study's data."
+    )
     return replace(deed("pilot", refuses=refuses), command=("pilot", *there), does=what)
 
 
@@ -194,12 +198,12 @@ def _enrol(study: Study) -> Deed:
     if status and status.doubts:
         refuses, first = status.doubts, "verify"
     elif label is None:
-        refuses, first = (Finding("everybody whom the study plans is enrolled"),), ""
+        refuses, first = (Finding("all planned participants are enrolled"),), ""
     elif not refuses:
         refuses, first = as_findings(study.check_current), ""
     consent = day_field("Consent on", "--consent-on", wanted=False)
     fields = (Field("Participant", "--participant", label or ""), consent)
-    hint = "The day on which they signed, as YYYY-MM-DD; empty: they sign later."
+    hint = "Date of signature (YYYY-MM-DD); leave empty if they sign later."
     return deed(
         "enrol",
         "enrol",
@@ -217,12 +221,12 @@ def _tell_facts(study: Study) -> Deed:
     who = [one for one in study.roster.consent_on if one not in study.roster.withdrawn]
     refuses, first = () if who else (Finding("nobody is enrolled"),), "enrol"
     if not getattr(getattr(study.protocol, "asked", None), "people", ()):
-        refuses, first = (Finding("the protocol asks for no facts ([[asked.people]])"),), ""
+        refuses, first = (Finding("the protocol has no questions about participants ([[asked.people]])"),), ""
     fields = (
         Field("Participant", "--participant", next(iter(who), "")),
         Field("Correction", "--fact", wanted=False),
     )
-    hint = "Correction: ID=ANSWER, such as age=34; empty: what has no answer yet is asked."
+    hint = "Correction: ID=ANSWER, such as age=34; leave empty to be asked the unanswered questions."
     return deed(
         "facts", "facts", str(study.file), *study.dataset, fields=fields, hint=hint, refuses=refuses, first=first
     )
@@ -237,7 +241,7 @@ def _consent(study: Study) -> Deed:
     refuses: tuple[Finding, ...] = ()
     first = ""
     if not study.protocol.consent.required:
-        refuses = (Finding("this protocol asks for no consent"),)
+        refuses = (Finding("this protocol does not require consent"),)
     elif not lacking:
         nobody = "everybody enrolled has consented" if known.consent_on else "nobody is enrolled"
         refuses, first = (Finding(nobody),), "" if known.consent_on else "enrol"
@@ -245,13 +249,13 @@ def _consent(study: Study) -> Deed:
         Field("Participant", "--participant", next(iter(lacking), "")),
         day_field("Consent on", "--consent-on", str(study.today)),
     )
-    hint = f"To consent: {', '.join(lacking)}. The day on which they signed, as YYYY-MM-DD."
+    hint = f"Consent missing: {', '.join(lacking)}. Date of signature (YYYY-MM-DD)."
     return deed(
         "consent", "consent", str(study.file), *study.dataset, fields=fields, hint=hint, refuses=refuses, first=first
     )
 
 
-def _practise(study: Study) -> Deed:
+def _practice(study: Study) -> Deed:
     practice, tasks = study.practice, [one.id for one in study.protocol.tasks]
     who, task = practice.left or (labels(study.protocol)[-1], tasks[-1])
     often = practice.repetitions
@@ -261,11 +265,13 @@ def _practise(study: Study) -> Deed:
         Field("Participant", "--participant", who),
     )
     every = study.protocol.trials(study.protocol.task(task))
-    hint = f"Repetitions: of each stimulus or pair; {SHORT}: {study.short.trials(task)} trials; empty: all {every}. "
-    hint += f"Tasks: {', '.join(tasks)}; empty: all. Nothing here is data of the study."
+    hint = (
+        f"Repetitions of each stimulus or pair: {SHORT} for {study.short.trials(task)} trials, empty for all {every}. "
+    )
+    hint += f"Tasks: {', '.join(tasks)}; empty for all. Practice is never part of the study's data."
     lines = tuple(word for word in study.place.session if word == "--lines")
-    does = f"Practise {practice.trials(task)} of {every} trials with a simulated participant."
-    found = deed("practise", "run", str(study.file), "--practice", *lines, fields=fields, hint=hint)
+    does = f"Practice {practice.trials(task)} of {every} trials with a simulated participant."
+    found = deed("practice", "run", str(study.file), "--practice", *lines, fields=fields, hint=hint)
     return replace(found, does=does) if often else found
 
 
@@ -278,11 +284,11 @@ def _session(study: Study, name: str) -> Deed:
     if study.unfilled:
         first = "edit"
     if not who:
-        nobody = "nobody enrolled waits for a session" if name == "begin" else "no visit is under way"
+        nobody = "no enrolled participant is waiting for a session" if name == "begin" else "no visit is in progress"
         refuses, first = (*refuses, Finding(nobody)), first if refuses else "enrol" if name == "begin" else ""
     elif not refuses:
         refuses, first = as_findings(lambda: _prepare(study, who)), ""
-    hint = f"{', '.join(one.participant for one in people)}. Everything that files can show was checked for {who}."
+    hint = f"{', '.join(one.participant for one in people)}. All files for {who} have been checked."
     fields = (Field("Participant", "--participant", who),)
     return deed(name, *study.run, fields=fields, hint=hint, refuses=refuses, first=first)
 
@@ -303,7 +309,7 @@ def _withdraw(study: Study) -> Deed:
         Field("Reason", "--reason", "asked to stop"),
         Field("Erase data", "--erase", NO, flag=True),
     )
-    hint = "The reason names no person and no state of health. Before anything is erased, the label is asked for again."
+    hint = "Give a reason without names or health information. Before erasing, the desk asks for the label again."
     return deed(
         "withdraw",
         "withdraw",
@@ -318,11 +324,11 @@ def _withdraw(study: Study) -> Deed:
 
 def _of_data(study: Study) -> dict[str, Deed]:
     """Return what is done with a dataset; before the study's first session with that of its practice."""
-    nothing = () if study.data else (Finding("no session has been run or practised"),)
-    given, first = str(study.data), "practise"
+    nothing = () if study.data else (Finding("no session has been run or practiced"),)
+    given, first = str(study.data), "practice"
     shares: tuple[Finding, ...] = ()
     if study.protocol.sharing is None:
-        shares = (Finding("the protocol has no table [sharing], so nothing is shared"),)
+        shares = (Finding("the protocol has no [sharing] table, so nothing can be shared"),)
     elif study.data != study.root:
         shares = (Finding("no session of the study has been run"),)
     out = (Field("New folder", "", f"{study.root}-shared"),)

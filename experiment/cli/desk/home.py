@@ -24,12 +24,12 @@ from palpate.experiment.desk.terminal import typed_ahead
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.findings import shown
 
-PRACTICE = "This is PRACTICE, and no study yet. Choose practise at the desk to continue it."
+PRACTICE = "This is PRACTICE, not a study. To continue it, choose 'practice' at the desk."
 
 PAGED = ("check", "analyse", "verify")
 """What may print more than a screen."""
 
-PAGER = {"LESS": "-RPsSpace = next page, b = page before, q = back to the desk"}
+PAGER = {"LESS": "-RPsSpace = next page, b = previous page, q = back to the desk"}
 
 
 def stay(place: Place) -> None:
@@ -109,7 +109,7 @@ def _run_paged(command: tuple[str, ...]) -> int:
 def _wait() -> None:
     # Ctrl-C there goes back as well.
     with suppress(typer.Abort):
-        typer.prompt("Enter goes back to the desk", default="", show_default=False, prompt_suffix=". ")
+        typer.prompt("Press Enter to return to the desk", default="", show_default=False, prompt_suffix=". ")
 
 
 def _take_rig(place: Place, rig: Path, recordings: Path | None) -> tuple[Place, str]:
@@ -120,7 +120,7 @@ def _take_rig(place: Place, rig: Path, recordings: Path | None) -> tuple[Place, 
             storage.write(free_for_a_rig(rig), a_rig(rig).encode())
         except PalpateError as error:
             return place, error.sentence()
-        said = f"Written: {rig}. Calibrate it: `palpate docs rigs` shows how."
+        said = f"Written: {rig}. Next, calibrate it (see `palpate docs rigs`)."
     return replace(place, rig=rig, recordings=recordings), said
 
 

@@ -29,28 +29,28 @@ from palpate.experiment.study.schedule import allocate, labels
 
 DOES = {
     "new": "Write a new protocol.",
-    "open": "Choose another study of this folder.",
+    "open": "Choose another study in this folder.",
     "edit": "Edit the protocol.",
-    "check": "Show the protocol as its ethics board reads it.",
+    "check": "Show the protocol as the ethics board sees it.",
     "seal": "Record the board's approval.",
     "rig": "Choose the rig file, or write a new one.",
-    "calibrate": "Calibrate a device of the rig. Nobody may be on the panel.",
-    "doctor": "Check the rig. Nobody may be on the panel.",
-    "pilot": "Change between the study and its pilot.",
-    "enrol": "Enrol the next participant.",
-    "facts": "Record what a participant tells of themselves.",
+    "calibrate": "Calibrate a device of the rig. Keep everyone off the panel.",
+    "doctor": "Check the rig. Keep everyone off the panel.",
+    "pilot": "Switch between the study and its pilot.",
+    "enrol": "Enroll the next participant.",
+    "facts": "Record a participant's answers about themselves.",
     "consent": "Record a participant's consent.",
-    "practise": "Practise a session with a simulated participant.",
-    "begin": "Begin a participant's visit.",
+    "practice": "Practice a session with a simulated participant.",
+    "begin": "Start a participant's visit.",
     "resume": "Resume a participant's visit.",
     "incident": "Record an adverse event or a deviation.",
     "withdraw": "Record that a participant withdrew.",
     "amend": "Record the board's amendment or renewal.",
-    "suspend": "Record that the board suspends, resumes or ends the study.",
+    "suspend": "Record that the board suspended, resumed or ended the study.",
     "status": "Show the study's progress and the flow of participants.",
     "analyse": "Make the tables and the report.",
-    "verify": "Check what the dataset proves.",
-    "share": "Write a copy of the dataset for others.",
+    "verify": "Verify the dataset's integrity.",
+    "share": "Write a copy of the dataset to share.",
 }
 """What a desk does, in the order of a study."""
 
@@ -162,10 +162,10 @@ class Study:
 
 
 class Practice:
-    """What is practised of a protocol, with so many repetitions; None for a session as long as the study's."""
+    """What is practiced of a protocol, with so many repetitions; None for a session as long as the study's."""
 
     def __init__(self, protocol_file: Path, repetitions: int | None) -> None:
-        """Read what was practised. Raises `ProtocolError`."""
+        """Read what was practiced. Raises `ProtocolError`."""
         self.repetitions = repetitions
         self.folder = practice_folder(protocol_file, repetitions)
         with shortened(protocol_file, repetitions) as file:
@@ -220,7 +220,9 @@ def day_field(name: str, option: str, text: str = "", *, wanted: bool = True) ->
 def a_count(text: str) -> None:
     """Refuse a text that is no number from 1 on, as a field's `check`."""
     if not (text.isdecimal() and int(text)):
-        raise PalpateError(f"got {quoted(text)}", remedy="type one, or leave it empty", allowed="a number from 1 on")
+        raise PalpateError(
+            f"got {quoted(text)}", remedy="type a number, or leave the field empty", allowed="a number, 1 or more"
+        )
 
 
 def one_of(*allowed: str) -> Callable[[str], None]:

@@ -71,13 +71,16 @@ class Practice:
                 continue
             reported |= set(rows)
             values = list(dict.fromkeys(rows.values()))
-            says = "not empty" if values == [ANY] else " or ".join(map(quoted, values[:3]))
+            says = "a value" if values == [ANY] else " or ".join(map(quoted, values[:3]))
             options = [word for value in values for word in ("--leave-out", f"{column}={value}")]
             found.append(
                 Finding(
-                    f"{len(rows)} of {len(self._people)} trials, where it is {says}, may be practice and are counted",
+                    f"{len(rows)} of {len(self._people)} trials with {says} may be practice trials, but they are "
+                    "counted",
                     field=f"column {column}",
-                    remedy=stated.remedy("if they are, delete the dataset and leave them out", *options),
+                    remedy=stated.remedy(
+                        "if this is the case, delete the dataset and import again without them", *options
+                    ),
                     verdict="warns",
                     check="practice",
                 )
@@ -87,8 +90,8 @@ class Practice:
     def _parts(self, column: str) -> bool:
         """Return whether somebody has trials of both kinds; a group may be called training."""
         rows = self._found[column]
-        practised = {self._people[row] for row in rows}
-        return any(row not in rows and who in practised for row, who in enumerate(self._people))
+        practiced = {self._people[row] for row in rows}
+        return any(row not in rows and who in practiced for row, who in enumerate(self._people))
 
 
 class Unanswered:
@@ -121,8 +124,8 @@ class Unanswered:
                 continue
             says = " or ".join(map(quoted, list(never)[:3]))
             options = [word for cell in never for word in ("--leave-out", f"{column}={cell}")]
-            what = f"{rows} of {self._rows} trials, where it is {says}, never have an answer and are counted"
-            remedy = stated.remedy("if they are none, delete the dataset and leave them out", *options)
+            what = f"{rows} of {self._rows} trials with {says} never have an answer, but they are counted"
+            remedy = stated.remedy("if they are not trials, delete the dataset and import again without them", *options)
             return (Finding(what, field=f"column {column}", remedy=remedy, verdict="warns", check="no answer"),)
         return ()
 
@@ -147,8 +150,8 @@ def wide_doubts(columns: Iterable[str], layout: Layout) -> tuple[Finding, ...]:
     )
     if not further:
         return ()
-    what = f"is read, and {listed(further)} are not, which look like further trials of each row"
-    remedy = "write a row for each trial, such as by R's pivot_longer"
+    what = f"is read, but {listed(further)} are not, although they look like additional trials in the same rows"
+    remedy = "write one row per trial, for example with R's pivot_longer"
     return (Finding(what, field=f"column {layout.presented}", remedy=remedy, verdict="warns", check="wide"),)
 
 
@@ -159,9 +162,11 @@ def summary_doubts(participants: Iterable[str], layout: Layout, stated: Stated) 
     if not called or layout.participant is None or called == set(trials):
         return ()
     written = dict.fromkeys((*(cell for cell, who in layout.people.items() if who in called), *sorted(called)))
-    what = f"{listed([quoted(who) for who in sorted(called)])} may sum up the others, and counts as a participant"
+    what = (
+        f"{listed([quoted(who) for who in sorted(called)])} may be a summary of the others, but counts as a participant"
+    )
     options = [word for cell in written for word in ("--leave-out", f"{layout.participant}={cell}")]
-    remedy = stated.remedy("if so, delete the dataset and leave such rows out", *options)
+    remedy = stated.remedy("if this is the case, delete the dataset and import again without such rows", *options)
     return (Finding(what, field=f"column {layout.participant}", remedy=remedy, verdict="warns", check="summary"),)
 
 
@@ -173,11 +178,11 @@ def time_doubts(times: Mapping[str, Sequence[float]], layout: Layout, stated: St
         return _slow_doubts([time for some in times.values() for time in some], layout, stated)
     if len(strange) == len(medians):
         usual = median(time for some in times.values() for time in some)
-        what = f"got a median response time of {usual:.3g} s, which is implausible"
+        what = f"the median response time of {usual:.3g} s is implausible"
         remedy = _in_unit(strange, layout, stated)
     else:
         named = listed([f"{quoted(who)} ({usual:.3g} s)" for who, usual in strange.items()])
-        what = f"got implausible median response times of {len(strange)} of {len(medians)} participants: {named}"
+        what = f"the median response times of {len(strange)} of {len(medians)} participants are implausible: {named}"
         remedy = _unit_remedy(strange, layout, stated)
     allowed = f"{FASTEST_S:g} to {SLOWEST_S:g} s"
     field = f"column {layout.time}"
@@ -191,10 +196,10 @@ def _slow_doubts(times: Sequence[float], layout: Layout, stated: Stated) -> tupl
         return ()
     factor = 1.0 if layout.time_s is not None else 1e3
     options = [word for time in slow for word in ("--missing-time", f"{time * factor:.10g}")]
-    remedy = stated.remedy("if they are none, delete the dataset and say so", *options)
+    remedy = stated.remedy("if they mean no response, delete the dataset and import again", *options)
     if len(slow) > MOST_SCREENS:
         remedy = f"check {layout.time}"
-    what = f"got {slow.total()} of {len(times)} response times above {SLOWEST_S:g} s, the longest {max(slow):.4g} s"
+    what = f"{slow.total()} of {len(times)} response times are above {SLOWEST_S:g} s, the longest {max(slow):.4g} s"
     field = f"column {layout.time}"
     return (Finding(what, field=field, remedy=remedy, verdict="warns", check="response times"),)
 
@@ -212,17 +217,17 @@ def _in_unit(medians: Mapping[str, float], layout: Layout, stated: Stated) -> Re
         return f"check the unit of {layout.time}"
     words = tuple(f"--{unit}" if word in ("--seconds", "--milliseconds") else word for word in stated.command)
     command = words or ("palpate", "import-trials", f"--{unit}", str(layout.time))
-    return Remedy(f"if they are in {unit}, delete the dataset and say so: {{}}", command)
+    return Remedy(f"if they are in {unit}, delete the dataset and import again: {{}}", command)
 
 
 def _unit_remedy(medians: Mapping[str, float], layout: Layout, stated: Stated) -> Remedy | str:
     """Return what to do about times of some participants."""
     unit = _likely_unit(medians, layout)
-    likely = f"; theirs may be in {unit}" if unit else ""
-    words = f"check the unit of {layout.time} in their files{likely}, and export all in one unit"
+    likely = f"; these times may be in {unit}" if unit else ""
+    words = f"check the unit of {layout.time} in their files{likely}, and export all files with the same unit"
     if layout.participant is None:
         return words
     meant = {cell: label for cell, label in layout.people.items() if label in medians}
     cells = dict.fromkeys((*meant, *(who for who in medians if layout.people.get(who, who) == who)))
     options = [word for cell in cells for word in ("--leave-out", f"{layout.participant}={cell}")]
-    return stated.remedy(f"{words}, or delete the dataset and leave them out", *options)
+    return stated.remedy(f"{words}, or delete the dataset and import again without these times", *options)

@@ -62,7 +62,7 @@ class Imported:
         """Return how each file was read, a line each; of many that were read alike, the first ones."""
         told = [f"{path}: {understood.sentence()}" for path, understood in self.read_as[:SHOWN]]
         more = len(self.read_as) - SHOWN
-        return (*told, f"and {more} files more; --json shows how each was read") if more > 0 else tuple(told)
+        return (*told, f"and {more} more files; --json shows how each was read") if more > 0 else tuple(told)
 
     def as_dict(self) -> dict[str, object]:
         """Return it for JSON."""
@@ -136,7 +136,7 @@ def _hashes(paths: Sequence[Path]) -> tuple[str, ...]:
                 path, f"cannot be read ({storage.why(error)})", "give a CSV file of trials in UTF-8"
             ) from error
         if (other := found.setdefault(sha256, path)) is not path:
-            raise DatasetError(path, f"holds the same as {other}", "give each file once")
+            raise DatasetError(path, f"has the same content as {other}", "give each file once")
     return tuple(found)
 
 
@@ -155,7 +155,7 @@ def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[s
                 paths[row.file - 1],
                 f"got the task {row.task!r}, whose id would be {label!r}",
                 "rename it",
-                allowed="up to 32 letters and digits that no other task has",
+                allowed="up to 32 letters and digits, unique to each task",
                 field=f"column {layout.task}",
                 line=row.line,
             )
@@ -196,35 +196,37 @@ def _order(layout: Layout) -> str:
     if layout.session is not None:
         within = "of the files and their lines" if layout.trial is None else f"of the column {layout.trial}"
         return (
-            f"Sessions by the column {layout.session} follow one another by their numbers, or else as they occur in "
-            f"the files. Trials are numbered from 1 through all sessions of a task, in each in the order {within}."
+            f"Sessions in the column {layout.session} are ordered by number, or otherwise by their order in the "
+            "files. Trials are numbered from 1 across all sessions of a task; within each session, they are in the "
+            f"order {within}."
         )
     if layout.trial is not None:
         return f"Trials are numbered from 1 in the order of the column {layout.trial}."
     return (
-        "Trials are numbered from 1 in the order of the files and their lines, which is taken for that of the session."
+        "Trials are numbered from 1 in the order of the files and their lines, assumed to be the order of the session."
     )
 
 
 def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: bool) -> tuple[str, ...]:
     silent = sum(row.answered == NO_ANSWER for row in trials.rows)
     words = {cell: trials.passed_over.count(cell) for cell in dict.fromkeys(trials.passed_over) if cell}
-    of = "".join(f", {count} of them with '{cell}', which is read as a missing value" for cell, count in words.items())
+    of = "".join(f", {count} of them with '{cell}', which counts as a missing value" for cell, count in words.items())
     said = [
-        f"Participants: {len(labels)}. Trials: {len(trials.rows)}, of them {silent} without an answer. Materials: "
+        f"Participants: {len(labels)}. Trials: {len(trials.rows)}, including {silent} without an answer. Materials: "
         f"{', '.join(trials.materials)}.",
-        f"Rows that are no trials, and were passed over: {len(trials.passed_over)}{of}.",
+        f"Rows skipped because they are not trials: {len(trials.passed_over)}{of}.",
         *_omissions(trials, layout),
         _order(layout),
     ]
     if layout.second is not None:
         said.append(
-            "Materials are taken to go from the least to the most of what was compared; --material orders them."
+            "Materials are assumed to be listed in increasing order of the quality that was compared; --material "
+            "changes the order."
         )
     if not kept:
         said.append(
-            "Participants are numbered in the order of the files, because their labels there are not numbers of up to "
-            "six digits behind one prefix or none."
+            "Participants are numbered in the order of the files, because their labels are not all numbers of up to "
+            "six digits with the same prefix (or no prefix)."
         )
     return tuple(said)
 
@@ -242,13 +244,16 @@ def _in_several(named: Sequence[str]) -> list[str]:
     if not named:
         return []
     several = ", ".join(sorted(named))
-    return [f"Several files have trials of one task of: {several}. If a run was begun anew, leave one out."]
+    return [
+        f"Several files contain trials from the same task for: {several}. If a run was restarted, leave out one of "
+        "the two files."
+    ]
 
 
 def _omissions(trials: Trials, layout: Layout) -> list[str]:
     """Return what rules have left out, a sentence each."""
     told = [
-        f"Rows left out, as stated: {trials.left_out.get((column, value), 0)} "
+        f"Rows left out, as requested: {trials.left_out.get((column, value), 0)} "
         + (
             "exported twice."
             if column == ANY
@@ -258,7 +263,7 @@ def _omissions(trials: Trials, layout: Layout) -> list[str]:
     ]
     if layout.missing_times:
         rules = " or ".join(layout.missing_times)
-        told.append(f"Response times that are {rules} count as missing, as stated: {trials.missing_times}.")
+        told.append(f"Response times that are {rules} count as missing, as requested: {trials.missing_times}.")
     return told
 
 
@@ -281,20 +286,20 @@ def _task_text(task: str, title: str, source: str, trials: Trials, layout: Layou
 
 def _description(study: str, source: str, tasks: tuple[str, ...], said: Sequence[str]) -> bids.DatasetText:
     paragraphs = (
-        f"These answers were given by participants of a laboratory that measured them elsewhere: {source}. palpate "
-        "read them from tables. It saw neither the sessions nor a record of them, and vouches for no answer.",
+        f"These are answers by real participants, measured elsewhere by a laboratory: {source}. palpate "
+        "read them from tables. It has no record of the sessions and cannot vouch for any answer.",
         *said,
-        "The tables themselves are not here, for they may say who took part. sourcedata/ holds what was read of them: "
-        "the line of each trial, and the SHA-256 of each file.",
-        f"A trial without an answer stands with the answer {NO_ANSWER}. BIDS asks for a column `onset` in seconds; n/a "
-        "there says that it is not known.",
+        "The tables themselves are not included, because they may identify participants. sourcedata/ contains what "
+        "was read from them, the line number of each trial and the SHA-256 of each file.",
+        f"Trials without an answer have the answer {NO_ANSWER}. BIDS requires a column `onset` in seconds; n/a there "
+        "means that the onset is not known.",
     )
     return bids.DatasetText(
         study=study,
         name=f"Answers of {study}",
         origin="IMPORTED",
         license="n/a: ask the laboratory",
-        authors=(f"Whoever measured {study}",),
+        authors=(f"The laboratory that measured {study}",),
         tasks=tasks,
         references=(source,),
         software=software.this(),
@@ -321,8 +326,8 @@ def _source_rows(
 def _sources(hashes: Sequence[str], source: str, layout: Layout) -> str:
     columns = KEPT if layout.second is None else OF_PAIRS
     text = (
-        f"Columns: {', '.join(columns)}. Each row is a trial as it was read; file and line say where. The trial is the "
-        f"number in the file; the line is an element's number in JSON. The files are those of: {source}."
+        f"Columns: {', '.join(columns)}. Each row is one imported trial, with its file and line. The trial number is "
+        f"from the file; in JSON, the line is the number of the element. Source of the files: {source}."
     )
     files = "\n".join(f"file {number}: SHA-256 {sha256}" for number, sha256 in enumerate(hashes, start=1))
     return f"{bids.LABELS['IMPORTED']}\n\n{textwrap.fill(text, 100)}\n\n{files}\n"

@@ -65,18 +65,18 @@ class Layout:
         if self.presented in (self.answered, self.second):
             other = "--answered" if self.presented == self.answered else "--second"
             raise DatasetError(
-                other, f"got the column {self.presented}, as --presented", "name that of the answers",
-                allowed="another one",
+                other, f"got the column {self.presented}, as for --presented", "give the column of the answers",
+                allowed="another column",
             )  # fmt: skip
         if (self.answered is None) == (self.correct is None):
             got = "neither" if self.correct is None else "both"
-            raise DatasetError(f"got {got} of --answered and --correct", remedy="name one", allowed="one of them")
+            raise DatasetError(f"got {got} of --answered and --correct", remedy="give one", allowed="one of them")
         if self.correct is not None and self.second is not None:
-            raise DatasetError("got --correct and --second", remedy="name the one chosen with --answered")
+            raise DatasetError("got --correct and --second", remedy="give the chosen material with --answered")
         if (self.participant is None) == (self.in_name is None):
             got = "neither" if self.in_name is None else "both"
             raise DatasetError(
-                f"got {got} of --participant and --participant-in-name", remedy="name one", allowed="one of them"
+                f"got {got} of --participant and --participant-in-name", remedy="give one", allowed="one of them"
             )
         for rule in self.missing_times:
             if not rule.strip():
@@ -111,9 +111,9 @@ class Layout:
         parts = [re.escape(part).replace(r"\*", ".*?") for part in shape.split("{}")]
         match = re.fullmatch("(.+?)".join(parts), path.name) if len(parts) == 2 else None
         if match is None:
-            allowed = f"a name such as {shape}" if len(parts) == 2 else "{} once, such as 'sub-{}_*.csv'"
+            allowed = f"a name such as {shape}" if len(parts) == 2 else "{} once, for example 'sub-{}_*.csv'"
             raise DatasetError(
-                path, f"--participant-in-name: got {quoted(shape)}", "mark the label with {}", allowed=allowed
+                path, f"--participant-in-name: got {quoted(shape)}", "use {} for the label", allowed=allowed
             )
         return match[1]
 

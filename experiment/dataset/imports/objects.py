@@ -36,7 +36,7 @@ class UnderstoodFrames(Understood):
 
     def sentence(self) -> str:
         """Return it for a reader, in one line."""
-        return f"read as a log of E-Prime, {self.encoding}; {self.rows} frames of {len(self.names)} attributes"
+        return f"read as an E-Prime log, {self.encoding}; {self.rows} frames of {len(self.names)} attributes"
 
 
 def is_json(path: Path) -> bool:
@@ -68,11 +68,11 @@ def _objects(path: Path, text: str) -> list[dict[str, Any]]:
             found = [json.loads(line, object_pairs_hook=_once) for line in text.splitlines() if line.strip()]
     except (ValueError, RecursionError) as error:
         raise DatasetError(
-            path, f"cannot be read as JSON: {error}", "export it again", allowed="a list of objects, one for each trial"
+            path, f"cannot be read as JSON: {error}", "export it again", allowed="a list of objects, one per trial"
         ) from error
     rows = [one for held in found for one in _listed(held)]
     if not rows:
-        raise DatasetError(path, "got JSON without trials", "name another file", allowed="a list of objects")
+        raise DatasetError(path, "got JSON without trials", "give another file", allowed="a list of objects")
     return rows
 
 

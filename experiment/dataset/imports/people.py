@@ -44,10 +44,11 @@ def refuse_alike(paths: Sequence[Path], layout: Layout, trials: Trials, stated: 
                     paths[firsts[who].file - 1],
                     trials.place(firsts[who]),
                     f"column {layout.participant}" if layout.participant else "--participant-in-name",
-                    f"{quoted(who)} and {quoted(other)}, which look like one person",
-                    "one spelling of a participant",
+                    f"{quoted(who)} and {quoted(other)}, which may be the same person",
+                    "one spelling per participant",
                     stated.remedy(
-                        "if they are two, map the one to itself, as CELL=CELL; if they are one, say so",
+                        "if they are two people, map one label to itself (CELL=CELL); if they are one person, map "
+                        "one label to the other",
                         "--map-participant",
                         f"{who}={other}",
                     ),

@@ -37,7 +37,7 @@ def new_dataset(out: Path) -> Iterator[Path]:
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise DatasetError(
             out,
-            "exists, and a dataset is never overwritten",
+            "already exists, and palpate never overwrites a dataset",
             "choose another, or move it away",
             allowed="a new or empty folder",
         )
@@ -45,7 +45,9 @@ def new_dataset(out: Path) -> Iterator[Path]:
         with storage.new_folder(out) as partial:
             yield partial
     except OSError as error:
-        raise DatasetError(f"cannot make {out}: {error.strerror}", remedy="free the place or choose another") from error
+        raise DatasetError(
+            f"cannot make {out}: {error.strerror}", remedy="make the folder writable or choose another"
+        ) from error
 
 
 def parse_task(text: str) -> tuple[str, Path]:
@@ -53,7 +55,7 @@ def parse_task(text: str) -> tuple[str, Path]:
     task, equals, file = text.partition("=")
     if not (equals and file and re.fullmatch(r"[a-z][a-z0-9]*", task)):
         raise DatasetError(
-            f"got {text!r}", remedy="correct it", allowed="TASK=FILE, the task in lower-case letters and digits"
+            f"got {text!r}", remedy="correct it", allowed="TASK=FILE, the task in lowercase letters and digits"
         )
     return task, Path(file)
 
@@ -77,10 +79,10 @@ def read_counts(path: Path, materials: Sequence[str], stated: Stated = NOTHING_S
                 allowed="one spelling",
             )
         if cell in counts.setdefault(participant, {}):
-            raise DatasetError(where, f"got participant {participant}, {cell} twice", "keep one of the lines")
+            raise DatasetError(where, f"got participant {participant}, {cell} twice", "remove one of the lines")
         counts[participant][cell] = count
     if not counts:
-        raise DatasetError(path, "got no counts below the header", "add them", allowed="one line a cell")
+        raise DatasetError(path, "got no counts below the header", "add them", allowed="one line per cell")
     return counts
 
 
@@ -93,7 +95,7 @@ def _table(path: Path, stated: Stated) -> Table:
     if table.header[:2] == COLUMNS[:2] and len(answers) > 1 and not {*answers} & {*COLUMNS, ""}:
         return replace(table, header=COLUMNS, rows=tuple(_cells_of_matrices(path, table)))
     if table.header != COLUMNS:
-        remedy = "name the columns so, or those of a matrix participant,presented and each answer"
+        remedy = "rename the columns, or, for a matrix, use participant,presented and one column per answer"
         raise DatasetError(path, f"line 1: got header {','.join(table.header)!r}", remedy, allowed=",".join(COLUMNS))
     return table
 
@@ -140,7 +142,7 @@ def check_texts(where: Path, texts: dict[str, object]) -> None:
     presented = texts.get("presented")
     for name in presented if isinstance(presented, tuple) else ():
         if name in MISSING:
-            raise DatasetError(where, f"got a material '{name}', which tables take for a missing value", "rename it")
+            raise DatasetError(where, f"got the material '{name}', which means a missing value in tables", "rename it")
 
 
 def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tuple[str, str], int]:
@@ -163,28 +165,28 @@ def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tup
     return int(participant.removeprefix("sub-")), (presented, answered), int(count)
 
 
-NO_TIME = "No time is known: onset, duration and response_time are n/a."
-ORDER = "No order is known: trial numbers follow the order of the materials presented, then of the answers."
+NO_TIME = "Times are not known: onset, duration and response_time are n/a."
+ORDER = "The trial order is not known: trials are numbered by the material presented, then by the answer."
 UNKNOWN = (
-    f"{NO_TIME} {ORDER} How the rows of one participant belong together is arbitrary, and so is which participant of "
-    "one task is which of another."
+    f"{NO_TIME} {ORDER} The grouping of rows into participants is arbitrary, as is the matching of participants "
+    "across tasks."
 )
 
 KNOWN = {
-    "RECONSTRUCTION": "Counts consistent with the tables of: {source}.",
-    "IMPORTED": "Counts of answers that were measured elsewhere: {source}.",
+    "RECONSTRUCTION": "Counts consistent with the tables in: {source}.",
+    "IMPORTED": "Counts of answers, measured elsewhere: {source}.",
 }
 ABOUT = {
-    "RECONSTRUCTION": "These are no original data. They are integer counts per participant, presented and answered "
-    "material that agree with what is printed in: {source}. Other counts may agree as well. Nobody should draw a "
-    "conclusion from them that the printed tables do not allow.",
-    "IMPORTED": "These answers were given by participants of a laboratory that measured them elsewhere: {source}. "
-    "palpate read how often each participant gave each answer. It saw neither the sessions nor a record of them, and "
-    "vouches for no answer.",
+    "RECONSTRUCTION": "These are not original data. They are integer counts per participant, presented material and "
+    "answer that agree with the tables printed in: {source}. Other counts may agree equally well. "
+    "Draw no conclusions from them that the printed tables do not support.",
+    "IMPORTED": "These are answers by real participants, measured elsewhere by a laboratory: {source}. "
+    "palpate read how often each participant gave each answer. It has no record of the sessions and cannot vouch for "
+    "any answer.",
 }
 FOUND = {
     "RECONSTRUCTION": "Found by a search for integer counts that reproduce the printed means, standard deviations and "
-    "tests of: {source}.",
+    "tests in: {source}.",
     "IMPORTED": "Counted by the laboratory that measured the answers: {source}.",
 }
 """What a task, a dataset and its source say of counts, by their origin."""
@@ -223,19 +225,19 @@ OKAMOTO2012 = StudyText(
     tasks={
         "virtual": (
             "Task 1: virtual stimuli",
-            "Step on the panel at any speed; say which of the four materials it was. Ten trials a material, "
-            "random order; vibration synthesised from recorded spectra.",
+            "Step on the panel at any speed; say which of the four materials it was. Ten trials per material, "
+            "random order; vibration synthesized from recorded spectra.",
         ),
         "real": (
             "Task 2: real stimuli",
-            "Step on the thin panel that covers the cylinder; say which of the four materials it was. Ten trials a "
+            "Step on the thin panel that covers the cylinder; say which of the four materials it was. Ten trials per "
             "material, random order.",
         ),
     },
     license="MIT",
     authors=("The palpate developers",),
-    notes="The cells printed for polypropylene in Table 1 add up to 0.973, and no rows of ten answers give them. Three "
-    "trials without an answer are one possible cause, and the one taken here.",
+    notes="The cells printed for polypropylene in Table 1 add up to 0.973, which is impossible with ten answers per "
+    "row. One possible explanation, assumed here, is three trials without an answer.",
 )
 """Section 5 and Tables 1 and 2 of the paper; materials as section 2 gives them."""
 
@@ -247,9 +249,7 @@ STUDIES = {OKAMOTO2012.id: OKAMOTO2012}
 def check_study_id(study: str) -> None:
     """Raise `DatasetError` for a text that is no id of a study."""
     if not re.fullmatch(r"[a-z][a-z0-9]*", study):
-        raise DatasetError(
-            "study", f"got {quoted(study)}", "choose another id", allowed="lower-case letters and digits"
-        )
+        raise DatasetError("study", f"got {quoted(study)}", "choose another id", allowed="lowercase letters and digits")
 
 
 def study_text(
@@ -273,14 +273,14 @@ def study_text(
     check_study_id(study)
     if source is None:
         raise DatasetError(
-            f"no texts are held for study {study}", remedy="say with --source where its counts come from"
+            f"palpate has no texts for study {study}", remedy="give the source of the counts with --source"
         )
     materials = {material: material for path in counts.values() for material in materials_of(path, stated)}
     # Only measured counts of a known study come this far: its titles are known, and the order of its materials.
     if known is not None and set(materials) <= set(known.materials):
         materials = dict(known.materials)
     titles = {task: title for task, (title, _) in known.tasks.items()} if known is not None else {}
-    order = "Names and order of materials are those of the counts files."
+    order = "The names and order of the materials are as in the counts files."
     return StudyText(
         id=study,
         name=f"{'Answers' if measured else 'Counts'} of {study}",
@@ -288,8 +288,8 @@ def study_text(
         materials=materials,
         tasks={task: (titles.get(task, task), "As in the source.") for task in counts},
         license="n/a: ask the laboratory" if measured else "n/a",
-        authors=(f"Whoever {'measured' if measured else 'made the counts of'} {study}",),
-        notes="A participant's number is the same person in every task." if measured else order,
+        authors=(f"The people who {'measured' if measured else 'made the counts of'} {study}",),
+        notes="The same number means the same participant in every task." if measured else order,
         origin="IMPORTED" if measured else "RECONSTRUCTION",
     )
 
@@ -320,8 +320,8 @@ def import_counts(
     if len(study.materials) < 2:
         raise DatasetError(
             study.id,
-            f"got one material, {', '.join(study.materials)}",
-            "give the counts of the others too",
+            f"got only one material, {', '.join(study.materials)}",
+            "give the counts of the other materials too",
             allowed="two or more",
         )
     numbers = sorted({number for table in tables.values() for number in table})
@@ -379,8 +379,8 @@ def _description(study: StudyText, tables: Mapping[str, Counts], software: Softw
         *(f"Task {task}: {_summary(table)}." for task, table in tables.items()),
         study.notes,
         _unknown(study),
-        f"A trial for which no answer is known stands with the answer {NO_ANSWER}. The counts themselves are under "
-        f"sourcedata/. BIDS asks for a column `onset` in seconds; n/a there says that it is not known.",
+        f"Trials without a known answer have the answer {NO_ANSWER}. The counts themselves are in sourcedata/. BIDS "
+        f"requires a column `onset` in seconds; n/a there means that the onset is not known.",
     )
     return bids.DatasetText(
         study=study.id,

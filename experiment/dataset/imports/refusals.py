@@ -54,7 +54,7 @@ def all_of(errors: Sequence[DatasetError], stated: Stated) -> DatasetError:
     several = len(needed) > 1
     told = [replace(one, remedy=_short(one.remedy, stated)) if several else one for one in firsts[:MOST_LISTED]]
     if len(kinds) > MOST_LISTED:
-        told.append(Finding(f"and {len(kinds) - MOST_LISTED} kinds of errors more"))
+        told.append(Finding(f"and {len(kinds) - MOST_LISTED} more kinds of errors"))
     if several:
         command = (*stated.command, *(word for options in needed for word in options))
         told.append(Finding(f"{len(needed)} options are missing", remedy=Remedy("add all at once: {}", command)))

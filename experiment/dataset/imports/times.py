@@ -70,7 +70,7 @@ def times_of(path: Path, table: Table, column: str | None, unit: str, stated: St
     if others:
         option = {"s": "--seconds", "ms": "--milliseconds"}[others[0]]
         raise DatasetError(
-            path, f"got times in {others[0]}, as their cells say", f"name the column with {option}", allowed=unit,
+            path, f"got times in {others[0]}, according to the cells", f"give the column with {option}", allowed=unit,
             field=f"column {column}",
         )  # fmt: skip
     texts = [text for text, _ in cells]

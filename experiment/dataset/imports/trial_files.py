@@ -169,9 +169,9 @@ class _Reader:
         """Keep what is wrong or doubtful of trials that stand in a file twice, or whose number does."""
         taken = {one.line for one in trials}
         if copied := [one.line for one in again if one.line in taken]:
-            what = f"got {len(copied)} of {len(trials)} trials again, cell by cell, from this line on"
-            remedy = self._remedy("if they were exported twice, take them once", "--leave-out", "=".join(AGAIN))
-            self._copied.append(DatasetError(path, what, remedy, allowed="each once", line=copied[0]))
+            what = f"starting at this line, {len(copied)} of {len(trials)} trials occur twice with identical cells"
+            remedy = self._remedy("if they were exported twice, use only one copy", "--leave-out", "=".join(AGAIN))
+            self._copied.append(DatasetError(path, what, remedy, allowed="each trial once", line=copied[0]))
         elif self._layout.trial is None:
             who = [(row.participant, row.task, row.session) for row in rows]
             self._renumbered += [(path, column)] if (column := numbered_again(header, who, trials)) else []
@@ -190,8 +190,8 @@ class _Reader:
         if not self._rows:
             raise DatasetError(
                 ", ".join(map(str, self._paths[:MOST_LISTED])),
-                f"got no trial: {self._layout.presented} is empty in every row that is taken",
-                "name another column with --presented, or take other rows with --where",
+                f"has no trials: {self._layout.presented} is empty in every selected row",
+                "give another column with --presented, or select other rows with --where",
             )
         self._check_materials(known)
         rows = self._rows if self._layout.correct is None else [self._resolved(row, known) for row in self._rows]
@@ -209,10 +209,10 @@ class _Reader:
         options = ("--seconds", "--milliseconds")
         at = next((place for place, word in enumerate(words[:-1]) if word in options and words[place + 1] == column), 0)
         without = (*words[:at], *words[at + 2 :])
-        advice = "name the column of response times, or leave them aside"
+        advice = "give the column of response times, or import without them"
         one = replace(
             first,
-            what=f"{first.what}, and no time in {many} of {many + len(self._rows)} rows",
+            what=f"{first.what}, and the time is missing in {many} of {many + len(self._rows)} rows",
             remedy=Remedy(f"{advice}: {{}}", without) if at else advice,
         )
         others = [error for error in self._errors if all(error is not each for each in self._no_times)]
@@ -231,9 +231,9 @@ class _Reader:
         if not cells.fits:
             raise DatasetError(
                 cells.path,
-                f"got {len(cells.cells)} cells under {cells.width} columns",
+                f"got {len(cells.cells)} cells for {cells.width} columns",
                 "export the file again",
-                allowed="as many",
+                allowed="one cell per column",
                 line=cells.line,
             )
         second = None if layout.second is None else self._material(cells, layout.second)
@@ -254,7 +254,7 @@ class _Reader:
         if allowed and presented not in allowed:
             options = "--map-presented", f"{shown}={_akin(shown, allowed) or 'MATERIAL'}"
             raise cells.refused(
-                column, listed(dict.fromkeys((*layout.materials, *allowed))), self._remedy("say what it is", *options)
+                column, listed(dict.fromkeys((*layout.materials, *allowed))), self._remedy("map it", *options)
             )
         return presented
 
@@ -267,8 +267,8 @@ class _Reader:
     def _whole(self, cells: "_Cells", column: str) -> int:
         # Tables that were merged in pandas or a spreadsheet have whole numbers with a point.
         if not (match := re.fullmatch(r"([0-9]{1,7})(\.0+)?", cell := cells.cell(column))):
-            remedy = self._remedy("leave such rows out, or leave --trial away", "--leave-out", f"{column}={cell}")
-            raise cells.refused(column, "a whole number from 0", remedy)
+            remedy = self._remedy("leave such rows out, or omit --trial", "--leave-out", f"{column}={cell}")
+            raise cells.refused(column, "a whole number of at least 0", remedy)
         return int(match[1])
 
     def _answered(self, cells: "_Cells", presented: str, second: str | None) -> str:
@@ -278,7 +278,7 @@ class _Reader:
             said = bare(cells.cell(layout.correct))
             right = {**RIGHT, **WRONG}.get(layout.answers.get(said, said).lower())
             if right is None and said not in ABSENT:
-                remedy = self._remedy("say what it is", "--map", f"{said}=MARK")
+                remedy = self._remedy("map it", "--map", f"{said}=MARK")
                 raise cells.refused(layout.correct, "1 and 0, true and false, or correct and incorrect", remedy)
             return NO_ANSWER if right is None else presented if right else _WRONG
         said = cells.cell(layout.answered or "")
@@ -295,9 +295,7 @@ class _Reader:
         if chosen is None:
             allowed = f"{presented}, {second}, or what --map makes first, second or tie"
             meant = _akin(said, (presented, second)) or "PLACE"
-            raise cells.refused(
-                layout.answered or "", allowed, self._remedy("say what it is", "--map", f"{said}={meant}")
-            )
+            raise cells.refused(layout.answered or "", allowed, self._remedy("map it", "--map", f"{said}={meant}"))
         return chosen
 
     def _one(self, cells: "_Cells", column: str) -> str:
@@ -305,7 +303,9 @@ class _Reader:
         if is_several(cell := cells.cell(column)):
             remedy = self._remedy("leave such rows out", "--leave-out", f"{column}={SEVERAL}")
             field = f"column {column}"
-            raise refused(cells.path, cells.place, field, "a list of several", "one, or what --map names", remedy)
+            raise refused(
+                cells.path, cells.place, field, "a list of several", "one answer, or a value given in --map", remedy
+            )
         return bare(cell)
 
     def _time_s(self, cells: "_Cells") -> float | None:
@@ -319,10 +319,10 @@ class _Reader:
             return None
         if not (math.isfinite(value) and value >= 0):
             rule = "negative" if value < 0 else "NUMBER"
-            remedy = self._remedy("say that such times are missing", "--missing-time", rule)
+            remedy = self._remedy("mark such times as missing", "--missing-time", rule)
             if math.isnan(value):
-                remedy = self._remedy("if it stands for a missing time, say so", "--missing-time", cell)
-            error = cells.refused(column, "a number from 0, or nothing", remedy)
+                remedy = self._remedy("if it means a missing time, add the option", "--missing-time", cell)
+            error = cells.refused(column, "a number of at least 0, or an empty cell", remedy)
             self._no_times += [error] if math.isnan(value) else []
             raise error
         return value if self._layout.time_s else value / 1000
@@ -343,7 +343,7 @@ class _Reader:
             for column, one in zip((layout.presented, layout.second or ""), _shown(row), strict=False):
                 if one in found:
                     options = "--map-presented", f"{one}={_akin(one, known) or 'MATERIAL'}"
-                    remedy = self._remedy("say what it is", *options)
+                    remedy = self._remedy("map it", *options)
                     found[one].append(self._refused(row, column, one, listed((*layout.materials, *known)), remedy))
         return found
 
@@ -372,11 +372,11 @@ class _Reader:
     def _as_presented(self, answered: str, known: Sequence[str]) -> Remedy | str:
         """Return what to do about an answer that was never presented; one that --map made may be a code there."""
         if akin := _akin(answered, known):
-            return self._remedy("say what it is", "--map", f"{answered}={akin}")
+            return self._remedy("map it", "--map", f"{answered}={akin}")
         if code := next((code for code, meant in self._layout.answers.items() if meant == answered), ""):
-            words = "if it was presented as that code, say so, or name it with --material"
+            words = "if this code was presented, add the option, or give it with --material"
             return self._remedy(words, "--map-presented", f"{code}={answered}")
-        words = "say what it is, or name it with --material if it was never presented"
+        words = "map it to a material, or give it with --material if it was never presented"
         return self._remedy(words, "--map", f"{answered}=MATERIAL")
 
     def _resolved(self, row: Row, known: tuple[str, ...]) -> Row:
@@ -386,9 +386,9 @@ class _Reader:
         if len(known) > 2:
             raise DatasetError(
                 self._paths[row.file - 1],
-                f"got a wrong answer to one of {len(known)} materials, which does not say what was answered",
-                "name the column of the answers with --answered",
-                allowed="--correct for two materials, where the other one was answered",
+                f"got a wrong answer; with {len(known)} materials, this does not reveal which answer was given",
+                "give the column of the answers with --answered",
+                allowed="--correct only with two materials, where a wrong answer must be the other material",
                 field=f"column {self._layout.correct}",
                 line=row.line,
             )
@@ -400,7 +400,7 @@ class _Reader:
             raise DatasetError(
                 path,
                 f"column {column}: got {len(known)} different materials ({listed(known)})",
-                "name another column with --presented",
+                "give another column with --presented",
                 allowed=f"2 to {MOST_MATERIALS}",
             )
 
@@ -417,7 +417,7 @@ class _Reader:
                     DatasetError(
                         self._paths[0],
                         f"got {quoted(other)} and {quoted(material)}, which look the same",
-                        self._remedy("if they are one, say so", *options),
+                        self._remedy("if they are the same, add the option", *options),
                         allowed="one spelling",
                         field=f"column {self._layout.presented}",
                     )
@@ -430,7 +430,7 @@ class _Reader:
         there = listed(dict.fromkeys(sorted(self._columns)))
         return [
             DatasetError(
-                self._paths[0], "got no such column", "name it as the header does", allowed=f"one of {there}",
+                self._paths[0], "got no such column", "use the name in the header", allowed=f"one of {there}",
                 field=f"column {column}",
             )
             for column in absent
@@ -450,14 +450,14 @@ class _Reader:
         """Return the error of a trial whose number occurs a second time, with the column that may tell sessions."""
         place = self._place(known)
         remedy: Remedy | str = (
-            "if there were several sessions, name the column that tells them apart with --session, or leave --trial "
-            "away; otherwise take one row a trial with --where, or name the task with --task"
+            "if there were several sessions, give the session column with --session, or omit --trial; otherwise, "
+            "select one row per trial with --where, or give the task with --task"
         )
         column = self._runs.apart([(one.participant, one.task, one.trial or 0) for one in self._rows])
         if column and self._layout.session is None:
             words = (
-                f"{column} differs there: if a run was begun anew, leave one out with --leave-out; if both are "
-                "sessions of this person, say so"
+                f"{column} differs there: if a run was restarted, leave out one of the two with --leave-out; if both "
+                "are sessions with this person, add the option"
             )
             remedy = self._remedy(words, "--session", column)
         return refused(
@@ -466,7 +466,7 @@ class _Reader:
             f"column {self._layout.trial}",
             f"trial {row.trial} of participant {quoted(row.participant)} again, after "
             f"{self._paths[known.file - 1]}, {place.part} {place.number}",
-            "each once in a task",
+            "each trial once per task",
             remedy,
         )
 
@@ -478,24 +478,24 @@ class _Reader:
                 times.setdefault(row.participant, []).append(row.response_time_s)
         mixed = tuple(
             Finding(
-                "some times have a decimal point and others a decimal comma; both are read as decimals", where=path,
-                field=f"column {self._layout.time}", remedy="check that none of them parts thousands",
-                verdict="warns", check="decimal signs",
+                "some times have a decimal point and others a decimal comma; both are read as decimal signs",
+                where=path, field=f"column {self._layout.time}",
+                remedy="check that none of these is a thousands separator", verdict="warns", check="decimal signs",
             )
             for path in self._mixed
         )  # fmt: skip
         tenths = [
             Finding(
-                "is a log of Presentation, whose times count tenths of a millisecond, and are read so", where=path,
+                "is a Presentation log, so its times are read in units of 0.1 ms", where=path,
                 field=f"column {self._layout.time}", remedy="check one of them", verdict="warns", check="tenths",
             )
             for path in self._tenths
         ]  # fmt: skip
         again = [
             Finding(
-                "numbers trials, and some have one number, as in files that were joined", where=path,
+                "numbers trials, but some numbers are repeated, as when files have been joined", where=path,
                 field=f"column {column}", verdict="warns", check="numbers",
-                remedy=self._remedy("if each should have its own, delete the dataset and say so", "--trial", column),
+                remedy=self._remedy("if each task has its own, delete the dataset and import again", "--trial", column),
             )
             for path, column in self._renumbered
         ]  # fmt: skip

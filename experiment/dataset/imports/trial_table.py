@@ -34,7 +34,7 @@ def trial_table(path: Path, layout: Layout, stated: Stated) -> tuple[Table, Time
     except PalpateError as error:
         raise DatasetError.saying(error) from error
     if not table.header:
-        raise DatasetError(path, "got an empty file", "name another file", allowed="a header, and a row for each trial")
+        raise DatasetError(path, "got an empty file", "give another file", allowed="a header, and one row per trial")
     _check_header(path, layout, table)
     _check_unit(path, layout)
     times = times_of(path, table, layout.time, "s" if layout.time_s else "ms", stated)
@@ -80,9 +80,9 @@ def _is_header(path: Path, row: Record, table: Table, layout: Layout) -> bool:
         return True
     raise DatasetError(
         path,
-        "got a second header, with its columns in another order",
-        "keep the rows from there on in a file of their own",
-        allowed="one header, or the same once more",
+        "got a second header, with its columns in a different order",
+        "move the rows from there on to a separate file",
+        allowed="one header, or the same header repeated",
         line=row.line,
     )
 
@@ -94,11 +94,11 @@ def _check_header(path: Path, layout: Layout, table: Table) -> None:
         if times > 1 or (not times and column in layout.needed()):
             got = "no such column" if not times else f"{times} such columns"
             if times:
-                remedy = "rename the others in a copy"
+                remedy = "rename the other columns in a copy"
             elif any(re.fullmatch(rf"{re.escape(column)}[_. ]?[0-9]+", name) for name in header):
-                remedy = "write a row for each trial, such as by R's pivot_longer"
+                remedy = "write one row per trial, for example with R's pivot_longer"
             else:
-                remedy = "name it as the header does"
+                remedy = "use the name in the header"
             there = listed(dict.fromkeys(name for name in header if name))
             raise DatasetError(
                 path,
@@ -120,8 +120,8 @@ def _check_unit(path: Path, layout: Layout) -> None:
     option = {"s": "--seconds", "ms": "--milliseconds"}.get(says)
     raise DatasetError(
         path,
-        f"got times in {says}, as their heading says",
-        f"name the column with {option}" if option else "export them in seconds",
+        f"got times in {says}, according to the heading",
+        f"give the column with {option}" if option else "export them in seconds",
         allowed=unit,
         field=f"column {layout.time}",
     )

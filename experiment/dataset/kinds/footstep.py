@@ -23,8 +23,8 @@ from palpate.experiment.records.stimulus import Onset, Stimulus
 
 FOOT_COLUMNS = {
     "foot_height": traces.Column("Height of the sole above the panel.", "mm", 3),
-    "foot_along": traces.Column("Place of the sole along the face, as the planar tracker was calibrated.", "mm", 3),
-    "foot_force": traces.Column("Force on the panel, by the sensor under it.", "N", 2),
+    "foot_along": traces.Column("Position of the sole along the face, from the calibrated planar tracker.", "mm", 3),
+    "foot_force": traces.Column("Force on the panel, measured by the sensor under it.", "N", 2),
 }
 """What a trace of the foot tells; the second where the tracker was planar, the third where the force was recorded."""
 
@@ -67,7 +67,7 @@ def placed_steps(path: Path, contents: Contents) -> list[Placed]:
             if zero_ns is None:
                 raise DatasetError(
                     path,
-                    "got a step before its tracker was opened",
+                    "has a step before its tracker was opened",
                     "restore the journal from a backup",
                     allowed="the tracker first",
                 )
@@ -158,7 +158,7 @@ def write_foot(root: Path, path: Path, contents: Contents, parts: Iterable[bytes
         samples=read,
         columns={name: FOOT_COLUMNS[name] for name in columns},
         rate_hz=rate_hz,
-        description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
+        description="Foot height from the tracker, from arming to just after contact; n/a between steps.",
         origin=origin,
     )
 

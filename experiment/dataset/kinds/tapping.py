@@ -23,17 +23,17 @@ from palpate.experiment.records.journal import Contents
 from palpate.experiment.records.kinds.tapping import PairLaidOut, Pushed, Tapped
 
 ABOUT = (
-    "Force that the servo sent, each cycle in which a block was rendered and the hand was near it or pushed; n/a "
-    "between. A place is n/a where no sample of the tracker came."
+    "Force sent by the servo in each cycle while a block was rendered and the hand was near or pushing it; otherwise "
+    "n/a. A position is n/a if the tracker sent no sample."
 )
 
 COLUMNS = {
-    "hand_height": ("Height of the hand above the face of the block, inside negative.", "mm"),
-    "force_asked": ("Force out of the block that its law asked for, of the servo's place and speed.", "N"),
-    "force_sent": ("Force out of the block that was sent.", "N"),
-    "hand_along": ("Place of the hand along the face.", "mm"),
-    "force_asked_along": ("Force along the face that the block's law asked for.", "N"),
-    "force_sent_along": ("Force along the face that was sent.", "N"),
+    "hand_height": ("Height of the hand above the face of the block; negative inside the block.", "mm"),
+    "force_asked": ("Force out of the block that its force law requests, from the servo's position and speed.", "N"),
+    "force_sent": ("Force out of the block, as sent.", "N"),
+    "hand_along": ("Position of the hand along the face.", "mm"),
+    "force_asked_along": ("Force along the face that the block's force law requests.", "N"),
+    "force_sent_along": ("Force along the face, as sent.", "N"),
 }
 """What a trace of the force tells; the last three stand where the tracker was planar."""
 

@@ -62,16 +62,16 @@ def accidents(root: Path) -> Iterator[Finding]:
     yield from _copies(root)
     yield from _other_forms(files, root)
     if storage.roster_path(root).exists() and (warning := privacy.readers_warning(root)):
-        yield _accident(f"{warning} Archives and copies lose modes", root / "sourcedata", root)
+        yield _accident(f"{warning} Archives and copies can lose permissions", root / "sourcedata", root)
 
 
 def _of_file(root: Path, path: Path, *, known: bool) -> Iterator[Finding]:
     git, name = ("git", "-C", str(root)), path.relative_to(root).as_posix()
     annexed = Remedy("fetch it, then verify again: {}", (*git, "annex", "get", name))
     if path.is_symlink() and not path.exists():
-        what, remedy = "is a link to a file that is not there", "bring the file with the dataset"
+        what, remedy = "is a link to a missing file", "copy that file along with the dataset"
         if "annex" in path.readlink().parts:
-            yield _accident("is a link to an annexed file that was not fetched", path, root, annexed, refuses=known)
+            yield _accident("is a link to a git-annex file that was not fetched", path, root, annexed, refuses=known)
         else:
             yield _accident(what, path, root, remedy, refuses=known)
         return
@@ -86,8 +86,10 @@ def _of_file(root: Path, path: Path, *, known: bool) -> Iterator[Finding]:
         what = "is a pointer to a file that was not fetched"
         yield _accident(what, path, root, annexed if start.startswith(ANNEXED) else fetch, refuses=known)
     elif known and path.parent != root / storage.RECORDINGS and _has_other_line_ends(path):
-        what = "has other line ends: CR LF in place of LF, as of Git or a transfer in text mode"
-        words = "have Git change none ({}) and check it out again, or copy it again in binary mode"
+        what = "has CR LF line endings instead of LF, probably from Git or a text-mode transfer"
+        words = (
+            "stop Git from converting line endings ({}) and check the file out again, or copy it again in binary mode"
+        )
         yield _accident(what, path, root, Remedy(words, (*git, "config", "core.autocrlf", "false")))
 
 
@@ -108,7 +110,7 @@ def _copies(root: Path) -> Iterator[Finding]:
         path = root / name
         system = "macOS" if path.name.startswith("._") else OF_SYSTEMS.get(path.name)
         if system:
-            yield _accident(f"was left by {system}, and holds no data", path, root, _delete(path))
+            yield _accident(f"was created by {system} and contains no data", path, root, _delete(path))
             continue
         if (original := _original(path)) is not None:
             yield _copy(root, path, original, same=path.is_file() and path.read_bytes() == original.read_bytes())
@@ -127,7 +129,7 @@ def _original(path: Path) -> Path | None:
 
 def _copy(root: Path, path: Path, original: Path, *, same: bool) -> Finding:
     other = original.name
-    compare = f"compare both, keep the one that is whole as {other}, and take this one out"
+    compare = f"compare both files, keep the complete one as {other}, and move the other one out of the dataset"
     what = f"is {'an identical copy' if same else 'another version'} of {other}, made by a sync program"
     return _accident(what, path, root, _delete(path) if same else compare)
 
@@ -146,7 +148,7 @@ def _other_forms(files: Sequence[Path], root: Path) -> Iterator[Finding]:
     for path in files:
         composed = unicodedata.normalize("NFC", path.name)
         if path.name != composed and not path.with_name(composed).exists():
-            what = "has its name in another Unicode form (decomposed, as of macOS)"
+            what = "has a name in decomposed Unicode, as written by macOS"
             command = ("convmv", "-f", "utf-8", "-t", "utf-8", "--nfc", "--notest", str(path))
             yield _accident(what, path, root, Remedy("rename it", command))
 
@@ -175,7 +177,7 @@ def _lost_folders(root: Path, refusals: Sequence[Finding]) -> Iterator[Finding]:
         if folder and times > 1 and not (root / folder).exists() and (root / folder).parent.exists():
             own = {one.remedy for one in refusals if _folder(one) == folder}
             remedy = own.pop() if len(own) == 1 else "restore it from a backup"
-            what = f"the whole folder is missing, which explains {times} findings"
+            what = f"the whole folder is missing, which explains {times} of the findings"
             yield Finding(what, folder, remedy=remedy, verdict="refuses", check=CHECK)
 
 

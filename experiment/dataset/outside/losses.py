@@ -55,11 +55,11 @@ def _loss(path: Path, recorded: Sequence[Entry]) -> Iterator[Finding]:
     (what, size), (_, part) = _unit(named[0][1]), named[0][1].of_what
     lost = sum(trace.length for trace in cut.values()) // size
     parts = f"{len(cut)} of {count(len(named), part)}"
-    told = [f"has lost {count(lost, what)}, {parts}, for it ends too soon"] if cut else []
+    told = [f"ends too early and has lost {count(lost, what)}, {parts}"] if cut else []
     if unnamed:
-        torn = f"has {count(unnamed, 'byte')} that no line names, as of a {part} whose write was cut off"
+        torn = f"has {count(unnamed, 'byte')} that no line records, e.g., after an interrupted {part}"
         told.append(f"{torn}: {count(-(-unnamed // size), what)} lost")
-    remedy = "restore it from a backup, if one has more" if cut else ""
+    remedy = "restore it from a backup if the backup is more complete" if cut else ""
     file = storage.raw_path(path, named[0][1].file)
     yield Finding("; it ".join(told), file, remedy=remedy, verdict="warns")
 

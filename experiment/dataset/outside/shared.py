@@ -20,7 +20,7 @@ OF_RECIPIENTS = ("README", "CHANGES", "LICENSE", ".gitattributes", ".bidsignore"
 FOLDERS = ("derivatives/", ".git/", ".datalad/")
 """Folders at the top that are theirs, too."""
 
-REMEDY = "restore it from the place where the copy was published"
+REMEDY = "download it again from where the copy was published"
 
 
 def file_hashes(root: Path) -> dict[str, str]:
@@ -56,16 +56,16 @@ def findings(root: Path) -> Iterator[Finding]:
         files: Mapping[str, str] = storage.json_of(storage.read_bytes(listed))["files"]
         there = file_hashes(root)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        what = storage.why(error) if isinstance(error, OSError | ValueError) else "it is no list of files"
+        what = storage.why(error) if isinstance(error, OSError | ValueError) else "it is not a list of files"
         yield Finding(f"cannot be read ({what})", listed, remedy=REMEDY, check=CHECK)
         return
     unlike = [name for name in sorted(files) if files[name] != there.get(name)]
     for name in unlike:
-        what = "is not the file that was shared" if name in there else "is missing"
+        what = "differs from the shared file" if name in there else "is missing"
         yield Finding(what, root / name, remedy=REMEDY, check=CHECK)
     foreign, unread = sorted({*there} - {*files}), privacy.unknown_files(root)
     for name in foreign:
         verdict: Verdict = "unknown" if name in unread else "refuses"
-        yield Finding("was not shared", root / name, remedy="take it out of the copy", verdict=verdict, check=CHECK)
+        yield Finding("was not shared", root / name, remedy="move it out of the copy", verdict=verdict, check=CHECK)
     if not unlike and {*foreign} <= {*unread}:
-        yield Finding(f"{len(files)} are those that were shared", "files", verdict="passes", check=CHECK)
+        yield Finding(f"{len(files)} match the shared files", "files", verdict="passes", check=CHECK)

@@ -51,8 +51,8 @@ NOT_SHARED = "not shared"
 TRACE = re.compile(r"recording-(foot|force)\d*_physio\.(tsv\.gz|json)")
 """What palpate writes of a foot or a force; a laboratory's own recordings beside it are not shared."""
 
-UNLICENSED = "because no file stimuli/LICENSE states their licence"
-OF_PEOPLE = "because it has labels and numbers of people of another study"
+UNLICENSED = "because there is no stimuli/LICENSE file"
+OF_PEOPLE = "because it contains labels and measurements of people in another study"
 
 FACTS = ("Format", "Study", "Origin", "Label", "Tasks", "Ordered", "Versions")
 """What palpate says of a dataset and shares; adverse events and deviations are free text."""
@@ -60,7 +60,7 @@ FACTS = ("Format", "Study", "Origin", "Label", "Tasks", "Ordered", "Versions")
 INHERITED = ("InstitutionName", "InstitutionAddress", "InstitutionalDepartmentName", "CogAtlasID", "CogPOID")
 """Keys of an `events.json` at the top that hold for every session (BIDS 1.11, the inheritance principle)."""
 
-ALIKE = "alike in first task, group, shared facts and version of the protocol"
+ALIKE = "who are identical in first task, group, shared facts and protocol version"
 
 OF_TRACES = ("SamplingFrequency", "StartTime", "Columns", "PhysioType", "TaskName", "Description", "Force")
 
@@ -106,10 +106,10 @@ def share(root: Path, out: Path) -> Copy:
     in the dataset; `RosterError` if nobody agreed.
     """
     if out.resolve().is_relative_to(root.resolve()):
-        raise DatasetError(out, "lies in the dataset itself", "choose another folder", allowed="one outside of it")
+        raise DatasetError(out, "is inside the dataset", "choose another folder", allowed="one outside the dataset")
     if not checks.has_journals(root):
         raise DatasetError(
-            root, "has no roster, so nobody's consent to sharing is on record", "ask whoever measured it"
+            root, "has no roster, so it has no record of consent to sharing", "ask the lab that measured it"
         )
     dataset = _with_tables(tables.check_tables(root))
     study = {path.name: content for path, content in build.study_files(root, dataset).items()}
@@ -202,8 +202,8 @@ def _people(
 def _check_licence(root: Path, description: Mapping[str, Any]) -> None:
     """Refuse to share what nobody would be allowed to use."""
     if str(description.get("License", "n/a")).startswith("n/a"):
-        path, allowed = root / shared.DESCRIPTION, "a licence, such as CC-BY-4.0 or CC0-1.0"
-        raise DatasetError(path, "states no licence", "write it there", field="License", allowed=allowed)
+        path, allowed = root / shared.DESCRIPTION, "a license, such as CC-BY-4.0 or CC0-1.0"
+        raise DatasetError(path, "has no license", "add one", field="License", allowed=allowed)
 
 
 def _chosen(dataset: Dataset, listed: Sequence[str]) -> tuple[list[str], dict[str, int]]:
@@ -211,9 +211,9 @@ def _chosen(dataset: Dataset, listed: Sequence[str]) -> tuple[list[str], dict[st
     if (roster := dataset.roster) is None:
         return list(listed), {}
     if dataset.protocol.sharing is None:
-        words = "if its board allows it, add that table, seal the amended protocol, and record it: {}"
+        words = "if your board allows sharing, add this table, seal the amended protocol, then run: {}"
         remedy = Remedy(words, ("palpate", "amend", "PROTOCOL"), suffices=False)
-        raise DatasetError(dataset.root, "its protocol has no table [sharing], so nothing may be shared", remedy)
+        raise DatasetError(dataset.root, "its protocol has no [sharing] table, so nothing may be shared", remedy)
     terms = sharing_sha256(dataset.protocol)
     reasons = {label: _absent(roster, terms, label, listed) for label in roster.consent_on}
     mixed = {one for (label, _), person in roster.took_part.items() if label != person for one in (label, person)}
@@ -222,8 +222,8 @@ def _chosen(dataset: Dataset, listed: Sequence[str]) -> tuple[list[str], dict[st
     absent = dict(sorted(Counter(why for why in reasons.values() if why).items()))
     if not chosen:
         why = ", ".join(f"{reason}: {times}" for reason, times in absent.items())
-        remedy = Remedy("ask again, and record it: {}", ("palpate", "consent", "PROTOCOL", "-p", "LABEL", "--sharing"))
-        raise RosterError(roster.path, f"nobody with a session has agreed to this [sharing] ({why})", remedy)
+        remedy = Remedy("ask again, then run {}", ("palpate", "consent", "PROTOCOL", "-p", "LABEL", "--sharing"))
+        raise RosterError(roster.path, f"nobody who had a session agreed to these [sharing] terms ({why})", remedy)
     return chosen, absent
 
 
@@ -236,7 +236,7 @@ def _absent(roster: Roster, terms: str, label: str, listed: Sequence[str]) -> st
     if not roster.sharing[label]:
         return "declined"
     if roster.sharing[label] != terms:
-        return "agreed to another [sharing]"
+        return "agreed to different [sharing] terms"
     return "" if label in listed else "no session"
 
 
@@ -256,9 +256,9 @@ def _check_smallest(root: Path, dataset: Dataset, smallest: int) -> None:
     rule = dataset.protocol.sharing
     least = rule.smallest_group if rule else 1
     if smallest < least:
-        allowed = f"{least} (sharing.smallest_group of the protocol)"
-        what = f"got a smallest group of {smallest} {ALIKE}"
-        raise DatasetError(root / "participants.tsv", what, "share when more have agreed", allowed=allowed)
+        allowed = f"{least} or more (sharing.smallest_group in the protocol)"
+        what = f"has a smallest group of {smallest} participants {ALIKE}"
+        raise DatasetError(root / "participants.tsv", what, "wait until more participants agree", allowed=allowed)
 
 
 def _versions(dataset: Dataset) -> Sequence[Protocol]:
@@ -359,7 +359,7 @@ def _check_protocols(part: Path, dataset: Dataset) -> None:
     for number, version in _numbered(dataset).items():
         path = storage.protocol_path(part, number)
         if approval.sha256(files.load(path)) != approval.sha256(version):
-            raise DatasetError(path, "is not the protocol of the dataset", "report this as a fault of palpate")
+            raise DatasetError(path, "is not the protocol of the dataset", "report this as a bug in palpate")
 
 
 def _stated(value: Any) -> Any:
@@ -387,11 +387,11 @@ def _description(part: Path, source: Mapping[str, Any], labels: Mapping[str, str
         "Palpate": facts,
     }
     paragraphs = (
-        "This is a copy for others of a dataset that its laboratory keeps, with the participants who agreed to that. "
-        "Labels were drawn anew, and times count from the beginning of each session. Journals, voices, days of "
-        f"sessions, notes and free text stayed behind: a reason that may have been typed reads '{NOT_SHARED}'.",
+        "This is a copy of a dataset for other researchers, with the participants who agreed to sharing. Labels are "
+        "new and random, and times start at zero in each session. The lab did not share journals, voice recordings, "
+        f"session dates, notes or free text. Reasons that may have been typed are replaced by '{NOT_SHARED}'.",
         *copy.sentences(),
-        "palpate verify shows whether a file was changed since, and palpate analyse makes the tables and the report.",
+        "palpate verify detects changed files. palpate analyse produces the tables and the report.",
     )
     body = "\n\n".join(textwrap.fill(one, 100) for one in paragraphs)
     return {

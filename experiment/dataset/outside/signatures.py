@@ -25,7 +25,7 @@ class Signer:
                 self.path, f"cannot be read ({storage.why(error)})", "give a public key (.pub)"
             ) from error
         if not keys or not all(re.match(r"(ssh|ecdsa|sk)-\S+ \S", line) for line in keys):
-            raise DatasetError(self.path, "got no public SSH keys", "give the key's .pub file", allowed="one a line")
+            raise DatasetError(self.path, "has no public SSH keys", "give the .pub file", allowed="one key per line")
         return keys
 
     def signed(self, kept: Kept) -> bool:

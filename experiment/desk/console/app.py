@@ -40,8 +40,8 @@ SCROLLS = ("pageup", "pagedown", "up", "down")
 GONE = wire.Asked(
     number=-1,
     kind="continue",
-    text="The session's process is gone. Nothing that was confirmed is lost: every answer is on disk before the next "
-    "trial is armed. A trial that was under way is done again.",
+    text="The session's process has ended. Every confirmed answer is saved: each is on disk before the next trial is "
+    "armed. A trial that was in progress will be repeated.",
     choices=(
         messages.Choice(key=messages.ENTER, words="start the session again"),
         messages.Choice(key=LEAVE, words="leave"),
@@ -51,7 +51,7 @@ GONE = wire.Asked(
 STANDS_S = 2.0
 """A session that says nothing for so long stands still, s: it speaks every `link.BEAT_S`. Ours."""
 
-WRITES = (messages.Choice(key=messages.ENTER, words="write down the answer, or that there is none"),)
+WRITES = (messages.Choice(key=messages.ENTER, words="type the answer, or leave it blank"),)
 """What may be pressed at a question that is answered with a line of text."""
 
 
@@ -163,13 +163,13 @@ class Console(App[Left]):
         if silent_s > STANDS_S and not self._lost and self.view_now.ended is None:
             self._stands = True
             self._say(
-                f"The session has not answered for {silent_s:.0f} s. Without it nothing pushes or sounds for longer "
-                "than 0.6 s. What you press waits for it.",
+                f"The session has not responded for {silent_s:.0f} s. All forces and sounds stop within 0.6 s. Your "
+                "key presses will be handled when it responds again.",
                 "refused",
             )
         elif self._stands:
             self._stands = False
-            self._say("" if self._lost else "The session answers again.")
+            self._say("" if self._lost else "The session is responding again.")
 
     # What the session says.
 
@@ -240,7 +240,7 @@ class Console(App[Left]):
             if self._takes_key(event):
                 return
         elif isinstance(event, events.Paste) and not event.is_forwarded and self._form is None:
-            self._ignore(event.text, "What was pasted was ignored.")
+            self._ignore(event.text, "The pasted text was ignored.")
             return
         await super().on_event(event)
 
@@ -249,7 +249,7 @@ class Console(App[Left]):
         if event.button != 1 or key is None:
             return
         if self._presses.continues(MOUSE, event.time):
-            self._say("That click came right after another one, and does not count. Click again for it.", "ignored")
+            self._say("That click came right after another click and does not count. Click again.", "ignored")
         else:
             self._press(key, event.time)
 
@@ -267,8 +267,8 @@ class Console(App[Left]):
             if key not in (messages.ENTER, messages.ESCAPE, *COMMANDS):
                 return self._board.blanks.edit(key)
         if held and key not in (*wire.SAFE, *SCROLLS):
-            pressed = f"{keycap(key)} was held down, or pressed again at once, which does not count."
-            self._say(f"{pressed} If you mean it, press it after a second.", "ignored")
+            pressed = f"{keycap(key)} was held down or pressed twice, so the second press does not count."
+            self._say(f"{pressed} If you mean it, wait a second and press it again.", "ignored")
         else:
             self._press(key, event.time)
         return True
@@ -318,7 +318,7 @@ class Console(App[Left]):
         elif key == messages.ENTER:
             self._fill_in()
         else:
-            self._say("Press Enter or Esc to finish with this first.", "refused")
+            self._say("Finish this form first: press Enter or Esc.", "refused")
 
     def _answer(self, key: str, at_s: float) -> None:
         question, seen = self._question, self._presses.seen(at_s)
@@ -328,11 +328,11 @@ class Console(App[Left]):
             return
         if question is None:
             self._ignore(
-                wire.TYPED.get(key, key), f"{keycap(key)} was pressed while nothing was asked, and was ignored."
+                wire.TYPED.get(key, key), f"{keycap(key)} was pressed when there was no question, and was ignored."
             )
         elif question.number != seen and key not in wire.SAFE & keys:
-            again = " If you mean it, press it again." if key in keys else ""
-            words = f"{keycap(key)} was pressed before the question was on the screen, and was ignored.{again}"
+            again = " If you meant it, press it again." if key in keys else ""
+            words = f"{keycap(key)} was pressed before the question appeared, and was ignored.{again}"
             self._ignore(wire.TYPED.get(key, key), words)
         elif question.kind == "write" and key == messages.ENTER:
             self._open(forms.answering(question))

@@ -50,12 +50,12 @@ BREAK_MIN = "5"
 def opened(name: str, view: View) -> Form:
     """Return the form with this name as it is at first: `note`, `correct`, `repeat`, `incident` and so on."""
     trial, kind = view.trial, view.question.kind if view.question is not None else ""
-    again = f" Trial {trial}, which waits for its answer, comes again." if kind in ("answer", "confirm") else ""
+    again = f" Trial {trial}, still unanswered, will be repeated." if kind in ("answer", "confirm") else ""
     answered = str(view.standing.recent[-1].trial) if view.standing.recent else ""
     match name:
         case "note":
             about = f"trial {trial}" if trial is not None else "the session"
-            form = Form(name, f"Note on {about}. It may name no person.", "puts it on disk", (Blank("Note"),))
+            form = Form(name, f"Note on {about}. Do not name anyone.", "saves it", (Blank("Note"),))
         case "correct":
             blanks = (Blank("Trial", answered, NUMBER), Blank("Key"), Blank("Reason"))
             keys = ", ".join(f"{one.key}={one.words}" for one in answers(view))
@@ -63,29 +63,32 @@ def opened(name: str, view: View) -> Form:
             form = Form(name, title, "corrects it", blanks, f"Keys: {keys}" if keys else "")
         case "repeat":
             under_way = str(trial) if trial is not None else answered
-            title = "Have a trial done again at the end of its block. If it was answered, that answer no longer counts."
-            form = Form(name, title, "has it done again", (Blank("Trial", under_way, NUMBER), Blank("Reason")))
+            title = "Repeat a trial at the end of its block. If it was answered, that answer no longer counts."
+            form = Form(name, title, "repeats it", (Blank("Trial", under_way, NUMBER), Blank("Reason")))
         case "incident":
-            title = "Adverse event, or deviation from the protocol. It stays on record for ever, and names nobody."
+            title = "Adverse event, or deviation from the protocol. It is recorded permanently. Do not name anyone."
             blanks = (Blank("a or d"), Blank("Happened"), Blank("Done"))
-            hint = "a: adverse event, d: deviation. What happened; what was done. Use palpate incident for the board."
-            form = Form(name, title, "puts it on record", blanks, hint)
+            hint = "a: adverse event, d: deviation. Write what happened and what was done. Then run palpate incident."
+            form = Form(name, title, "records it", blanks, hint)
         case "break":
-            title = "Pause for a break as soon as nothing can be felt. Its end is shown; nothing begins by itself."
+            title = (
+                "Take a break as soon as nothing can be felt. The screen shows when it ends; you then continue the "
+                "session."
+            )
             form = Form(name, title + again, "pauses", (Blank("Minutes", BREAK_MIN),))
         case "stop":
             paused = view.state == "paused"
             how = "is paused" if paused else "pauses as soon as nothing can be felt"
             title = (
-                f"{'End' if paused else 'Stop'} for today? The session {how}, and its process ends. "
-                "Every confirmed answer is on disk, and the same command continues another time. "
-                "A withdrawal is recorded afterwards, by palpate withdraw."
+                f"{'End' if paused else 'Stop'} for today? The session {how}, and the program closes. Every confirmed "
+                "answer is saved. To continue another time, run the same command. To record a withdrawal, run "
+                "palpate withdraw afterwards."
             )
             form = Form(name, title + again, "ends for today" if paused else "stops")
         case _:
             title = (
-                "Leave the console? The session keeps running, and the same command comes back to it. "
-                "While nobody is at a console no further trial is armed, and after some minutes the session pauses."
+                "Leave the console? The session continues. To come back to it, run the same command. While no "
+                "console is open, no further trial is armed, and the session pauses after a few minutes."
             )
             form = Form(name, title, "leaves")
     return replace(form, trial=trial)
@@ -93,7 +96,7 @@ def opened(name: str, view: View) -> Form:
 
 def answering(question: Asked) -> Form:
     """Return the form for a question that is answered with a line of text."""
-    hint = "It may stay empty: then there is none."
+    hint = "Leave it blank if there is no answer."
     return Form("write", question.text, "writes it down", (Blank("Answer"),), hint, question=question.number)
 
 
@@ -129,12 +132,12 @@ def _line(name: str, text: str) -> str:
     try:
         return characters.one_line(text.strip())
     except ValueError as error:
-        raise NotFilledIn(f"{name} {error}, which cannot go on record. Type it without that character.") from error
+        raise NotFilledIn(f"{name} {error}, which cannot be recorded. Type it again without that character.") from error
 
 
 def _some(given: dict[str, str], name: str) -> str:
     if not given[name]:
-        raise NotFilledIn(f"{name} is empty. Type one, or press Escape to close this.")
+        raise NotFilledIn(f"{name} is blank. Fill it in, or press Escape to close this form.")
     return given[name]
 
 
@@ -144,13 +147,13 @@ def _sort(typed: str) -> Literal["adverse event", "deviation"]:
             return "adverse event"
         case "d":
             return "deviation"
-    raise NotFilledIn(f"{characters.quoted(typed)} is neither. Type a for an adverse event, d for a deviation.")
+    raise NotFilledIn(f"{characters.quoted(typed)} is neither. Type a for an adverse event or d for a deviation.")
 
 
 def _trial(given: dict[str, str]) -> int:
     typed = given["Trial"]
     if not (typed.isascii() and typed.isdecimal()):
-        raise NotFilledIn(f"{characters.quoted(typed)} is no trial. Type its number, such as 12.")
+        raise NotFilledIn(f"{characters.quoted(typed)} is not a trial. Type a trial number, such as 12.")
     return int(typed)
 
 
@@ -160,5 +163,5 @@ def _minutes(typed: str) -> float:
     except ValueError:
         minutes = float("nan")
     if not 0 < minutes <= MOST_MIN:
-        raise NotFilledIn(f"{characters.quoted(typed)} is no length of a break. Type minutes, at most {MOST_MIN:g}.")
+        raise NotFilledIn(f"{characters.quoted(typed)} is not a valid break. Type minutes, at most {MOST_MIN:g}.")
     return minutes

@@ -26,7 +26,7 @@ WIDE = 120
 TALL = 42
 """From so many lines on, parts of the list stand apart."""
 
-KEYS = {"up": "", "down": "choose", "enter": "do it", "f5": "read again", "f9": "leave"}
+KEYS = {"up": "", "down": "choose", "enter": "run", "f5": "refresh", "f9": "leave"}
 CAPS = {"up": "↑", "down": "↓"}
 
 YES, NO = "yes", "no"
@@ -55,7 +55,7 @@ class Field:
             return (self.option,) if typed.lower() == YES else ()
         if not typed:
             if self.wanted:
-                raise NotFilledIn(f"{self.name} is empty. Type one, or press Escape to close this.")
+                raise NotFilledIn(f"{self.name} is empty. Fill it in, or press Escape to close this form.")
             return ()
         self.check(typed)
         return (self.option, typed) if self.option else (typed,)
@@ -85,7 +85,7 @@ class Deed:
     def form(self) -> Form:
         """The form that asks for what the command needs."""
         blanks = tuple(Blank(field.name, field.text) for field in self.fields)
-        return Form(self.name, self.does, "does it", blanks, self.hint)
+        return Form(self.name, self.does, "runs it", blanks, self.hint)
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Scene:
     deeds: tuple[Deed, ...]
     next: str
     status: Status | None = None
-    parts: tuple[str, ...] = ("rig", "pilot", "practise", "amend", "status")
+    parts: tuple[str, ...] = ("rig", "pilot", "practice", "amend", "status")
 
     def deed(self, name: str) -> Deed:
         """Return what can be done by its name."""
@@ -181,7 +181,7 @@ class HomePage(App[Chosen]):
     def on_found(self, message: Found) -> None:
         if isinstance(message.found, Exception):
             ours = isinstance(message.found, PalpateError | OSError)
-            self._say(str(message.found) if ours else f"a fault in palpate itself: {message.found!r}")
+            self._say(str(message.found) if ours else f"an error in palpate itself: {message.found!r}")
             return
         self._scene = message.found
         if self._at not in [one.name for one in self._scene.deeds]:
@@ -327,7 +327,7 @@ def _detail(deed: Deed) -> Text:
         if deed.command[:1] and deed.command[0].startswith("palpate"):
             text.append(f"\n{shown(deed.command)}", style=DIM)
         return text
-    text = Text(f"First: {deed.first}. Enter goes there." if deed.first else "", style=f"bold {YELLOW}")
+    text = Text(f"First: {deed.first}. Enter opens it." if deed.first else "", style=f"bold {YELLOW}")
     for one in deed.refuses:
         text.append("\n" if text else "").append("✗ ", style=f"bold {BAD}").append(one.sentence(), style=PLAIN)
     return text

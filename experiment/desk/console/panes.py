@@ -218,7 +218,7 @@ class Board(Vertical):
         self._text = VerticalScroll(id="text", can_focus=False)
         self._keys = VerticalScroll(id="keys", can_focus=False)
         self._told = VerticalScroll(id="told", can_focus=False)
-        self._told.border_title = "PageUp shows what was told before"
+        self._told.border_title = "PageUp shows earlier messages"
         self._side = VerticalScroll(id="side", can_focus=False)
         self._fitted: tuple[object, ...] = ()
         self.says = ""

@@ -74,7 +74,7 @@ STIMULI, PAIRS, VIRTUAL = ("", "ARMED", "STIMULUS", "ANSWER"), ("", "LAY OUT", "
 ASKED = {
     "agree": Phase("AGREE?", "", ORANGE),
     "write": Phase("WRITE", "", ORANGE),
-    "familiarise": Phase("FAMILIARISE", "", ORANGE),
+    "familiarise": Phase("FAMILIARIZE", "", ORANGE),
     "level": Phase("MASKER", "", ORANGE),
     "say": Phase("SAY", "", ORANGE),
     "rest": Phase("REST FOOT", "", ORANGE),
@@ -89,12 +89,12 @@ ASKED = {
 """By the kind of the question that is asked."""
 
 STATES = {
-    "preparing": Phase("PREPARING", "", GREY, "The session prepares what comes next. Nothing is asked."),
-    "familiarising": Phase("FAMILIARISE", "", GREY, "The participant handles the materials."),
-    "armed": Phase("ARMED", "ARMED", BLUE, "The participant may {may}. Nothing is asked until then."),
-    "answering": Phase("ANSWER", "ANSWER", GREY, "The answer is being written. Nothing is asked."),
+    "preparing": Phase("PREPARING", "", GREY, "The session is preparing the next step."),
+    "familiarising": Phase("FAMILIARIZE", "", GREY, "The participant is handling the materials."),
+    "armed": Phase("ARMED", "ARMED", BLUE, "Waiting for the participant, who may {may}."),
+    "answering": Phase("ANSWER", "ANSWER", GREY, "The answer is being saved."),
     "waiting": Phase(
-        "WAITING", "", RED, "A device is silent, as told below. The session goes on by itself once it answers."
+        "WAITING", "", RED, "A device is not responding (see below). The session continues once it responds."
     ),
     "paused": Phase("PAUSED", "", GREY, "The session is paused."),
     "ended": Phase("ENDED", "", GREY, "The session has ended."),
@@ -107,10 +107,10 @@ LEFT = 130
 FAILED = Phase("FAILED", "", RED)
 """A session whose process ended with a fault."""
 
-TRYING = Phase("ANSWER", "ANSWER", GREY, "The participant tries both surfaces. Nothing is asked yet.")
-STEPPED = Phase("ANSWER", "ANSWER", GREY, "The step counts. Nothing is asked yet.")
-STEPPING = Phase("STEPPING", "STIMULUS", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
-AGAIN = Phase("AGAIN", "ARMED", BLUE, "The attempt before did not count. {why}. Again the participant may {may}.")
+TRYING = Phase("ANSWER", "ANSWER", GREY, "The participant is exploring both surfaces. The question comes next.")
+STEPPED = Phase("ANSWER", "ANSWER", GREY, "The step counts. The question comes next.")
+STEPPING = Phase("STEPPING", "STIMULUS", YELLOW, "The foot is moving. The question comes after it lands.")
+AGAIN = Phase("AGAIN", "ARMED", BLUE, "The last attempt did not count. {why}. The participant may {may} again.")
 DONE = Phase("TASK DONE", "", ORANGE)
 GONE = Phase("GONE", "", RED)
 
@@ -126,7 +126,7 @@ def phase(view: View) -> Phase:
     if view.state == "armed" and view.gauges is not None and (view.gauges.stepped or view.gauges.moving):
         return STEPPED if view.gauges.stepped else STEPPING
     if view.state == "armed" and view.interval is not None:
-        return Phase(f"INTERVAL {view.interval}", "STIMULUS", YELLOW, "What a trial presents plays. Nothing is asked.")
+        return Phase(f"INTERVAL {view.interval}", "STIMULUS", YELLOW, "A stimulus is playing. The question comes next.")
     if view.state == "armed":
         now = AGAIN if view.again else STATES["armed"]
         return replace(now, says=now.says.format(may=view.may, why=view.again))

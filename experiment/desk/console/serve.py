@@ -56,7 +56,7 @@ class Served(Server):
     async def on_startup(self, app: web.Application) -> None:  # noqa: ARG002
         """Say where the page is."""
         self.console.print(f"The console is at {self.address}", soft_wrap=True, markup=False, highlight=False)
-        self.console.print("Whoever has this address can give commands. Ctrl-C closes the page; the session goes on.")
+        self.console.print("Anyone with this address can give commands. Ctrl-C closes the page; the session continues.")
 
     async def _make_app(self) -> web.Application:
         app = web.Application(middlewares=[self._only_with_secret])
@@ -119,8 +119,8 @@ def served(command: Sequence[str], *, host: str = LOOPBACK, port: int = 8000) ->
         address = None
     if address is None or address.is_unspecified or address.is_multicast or address.version != 4:
         raise LinkError(
-            f"got {host!r} as the address of the console's page",
-            remedy="name one",
+            f"got {host!r} as the address for the console's page",
+            remedy="use one",
             allowed=f"one IPv4 address of this machine, such as {LOOPBACK}",
         )
     return Served(command, host=host, port=port, secret=secrets.token_urlsafe(32))

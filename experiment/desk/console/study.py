@@ -22,7 +22,7 @@ from palpate.experiment.errors import PalpateError
 AGAIN_S = 5.0
 """The study is read again after so long, s."""
 
-KEYS = {"enter": "begin or resume", "f": "flow of participants", "r": "read again", "f9": "leave"}
+KEYS = {"enter": "begin or resume", "f": "flow of participants", "r": "refresh", "f9": "leave"}
 
 SIGNS: dict[State, tuple[str, str]] = {
     "done": ("●", GOOD),
@@ -144,9 +144,9 @@ class StudyPage(App[str]):
         people = {one.participant: one for one in self._status.people} if self._status is not None else {}
         one = people.get(self._chosen or "")
         if one is None:
-            self._say("Nobody is chosen. Up and Down choose a participant.")
+            self._say("No participant is chosen. Choose a participant with Up and Down.")
         elif one.state not in ("to begin", "under way"):
-            self._say(f"Participant {one.participant}: {one.state}. There is no session to begin.")
+            self._say(f"Participant {one.participant}: {one.state}. There is no session for this participant to begin.")
         elif self._refuses:
             self._say(self._refuses)
         else:
@@ -224,13 +224,13 @@ def sentences(status: Status) -> Text:
         told.append("\n\n" if told else "").append(name, style=style)
         for line in lines:
             told.append(f"\n{line}")
-    return told if told else Text("Nothing is to be done.", style=DIM)
+    return told if told else Text("There is nothing to do.", style=DIM)
 
 
 def _report_lines(status: Status) -> Iterator[tuple[str, str, list[str]]]:
     due, under_way = status.those("to begin"), status.those("under way")
     if status.doubts:
-        yield "AGAINST THE EVIDENCE", f"bold {BAD}", [one.sentence(status.root) for one in status.doubts]
+        yield "PROBLEMS IN THE DATA", f"bold {BAD}", [one.sentence(status.root) for one in status.doubts]
     if under_way:
         yield "Under way", f"bold {YELLOW}", [one.standing for one in under_way]
     come = [f"{due[0].participant}, {due[0].place}; the order of their tasks is concealed."] if due else []

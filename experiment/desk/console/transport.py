@@ -57,8 +57,8 @@ def _own_folder(parent: Path) -> Path:
     except OSError as error:
         raise LinkError(
             parent,
-            f"no folder for the console's socket can be made ({error.strerror or error})",
-            "name one in XDG_RUNTIME_DIR, or run the session on lines of text (--lines)",
+            f"the folder for the link between session and console could not be created ({error.strerror or error})",
+            "set XDG_RUNTIME_DIR to one, or run the session with --lines",
             allowed="a folder that you may write to",
         ) from error
     return usable[0]
@@ -78,7 +78,7 @@ def _usable(usual: Path) -> list[Path]:
 def listening(path: Path) -> tuple[socket.socket, bytes]:
     """Return a socket that listens, and the secret that whoever connects has to know: none where it is a file.
 
-    Raises `LinkError` if another session listens there, or if it cannot be made.
+    Raises `LinkError` if another session is running there, or if it cannot be made.
     """
     is_file = hasattr(socket, "AF_UNIX")
     server = socket.socket(socket.AF_UNIX if is_file else socket.AF_INET)
@@ -89,7 +89,7 @@ def listening(path: Path) -> tuple[socket.socket, bytes]:
             server.bind(str(path))
             path.chmod(0o600)
         elif path.exists():
-            raise FileExistsError(0, "another session listens there")
+            raise FileExistsError(0, "another session is running there")
         else:
             server.bind((LOOPBACK, 0))
         server.listen()
@@ -100,7 +100,7 @@ def listening(path: Path) -> tuple[socket.socket, bytes]:
     except OSError as error:
         server.close()
         raise LinkError(
-            path, error.strerror or str(error), "end the other one", allowed="one session of a participant at a time"
+            path, error.strerror or str(error), "end the other one", allowed="one session per participant at a time"
         ) from error
     return server, secret
 
@@ -126,7 +126,7 @@ def connect(path: Path) -> socket.socket:
             there.sendall(nonce := secrets.token_bytes(SECRET))
             nonces = nonce + _exactly(there)
             if not hmac.compare_digest(_exactly(there), shown_by(secret, b"session", nonces)):
-                raise ConnectionRefusedError(0, "another program has its port")
+                raise ConnectionRefusedError(0, "another program is using its port")
             there.sendall(shown_by(secret, b"console", nonces))
             there.settimeout(None)
     except OSError:
@@ -143,7 +143,7 @@ def shown_by(secret: bytes, role: bytes, nonces: bytes) -> bytes:
 def _port_of(path: Path) -> tuple[tuple[str, int], bytes]:
     found = re.fullmatch(rb"([0-9]{1,5}) ([0-9a-f]{64})", storage.read_bytes(path))
     if found is None or int(found[1]) > 65535:
-        raise ConnectionRefusedError(0, "its file is no palpate's")
+        raise ConnectionRefusedError(0, "a file that palpate did not write is in its place")
     return (LOOPBACK, int(found[1])), bytes.fromhex(found[2].decode())
 
 

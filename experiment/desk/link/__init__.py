@@ -288,7 +288,9 @@ class Line:
         try:
             self._connection = transport.connect(path)
         except OSError as error:
-            raise LinkError(f"no session listens at {path} ({error.strerror or error})", remedy="begin one") from error
+            raise LinkError(
+                f"no session is running at {path} ({error.strerror or error})", remedy="start one"
+            ) from error
         # A session that ends just now is found gone by whoever asks it.
         with suppress(OSError):
             self._connection.sendall(wire.line(hello))
@@ -300,7 +302,7 @@ class Line:
             try:
                 self._connection.sendall(wire.line(wire.Command(id=self._sent, deed=deed)))
             except OSError as error:
-                raise LinkError("the session is gone") from error
+                raise LinkError("the session has ended") from error
             return self._sent
 
     def messages(self) -> Iterator[wire.View | messages.Prompt | wire.Reply]:
@@ -345,5 +347,5 @@ def from_console(text: bytes) -> wire.Hello | wire.Command:
 def _not_understood(text: bytes) -> LinkError:
     shown = characters.quoted(text.decode("utf-8", "replace"))
     return LinkError(
-        "the session and its console do not understand one another", f"got {shown}", "use one version of palpate"
+        "the session and its console are different versions", f"got {shown}", "use the same version of palpate for both"
     )

@@ -45,7 +45,7 @@ TYPED = {ENTER: "\n", ESCAPE: "\x1b"}
 SAFE = frozenset({SOFTER_KEY})
 """Keys of which every press counts, held or not, at whatever question offers them."""
 
-CLOSED = "That question is no longer asked; the key answered nothing."
+CLOSED = "That question is closed, so the key was ignored."
 
 
 class Asked(Message):

@@ -116,7 +116,10 @@ def typeface(font: Path, size_px: float) -> FreeTypeFont:
         return ImageFont.truetype(str(font), size_px)
     except OSError as error:
         raise DisplayError(
-            "screen.font", f"{font}: got {error}", "name another, or none", allowed="a font file (.ttf, .otf, .ttc)"
+            "screen.font",
+            f"{font}: got {error}",
+            "choose another font, or none",
+            allowed="a font file (.ttf, .otf, .ttc)",
         ) from error
 
 

@@ -186,10 +186,12 @@ class Ear:
         if loud.clipped:
             self._clipped_ns = now_ns
         recent = self._clipped_ns is not None and now_ns - self._clipped_ns < CLIPPED_S * 1e9
-        words = self._problem or objection(loud) or ("clipped a moment ago: turn its level down" if recent else "")
+        words = (
+            self._problem or objection(loud) or ("clipped a moment ago: turn the input level down" if recent else "")
+        )
         if words or self.enrolment is not None:
-            return Lamp(name="mic", good=not words, words=words or f"{loud.rms_db:.0f} dB of full scale")
-        return Lamp(name="mic", good=None, words=f"{loud.rms_db:.0f} dB of full scale; it proposes nothing")
+            return Lamp(name="mic", good=not words, words=words or f"{loud.rms_db:.0f} dB re full scale")
+        return Lamp(name="mic", good=None, words=f"{loud.rms_db:.0f} dB re full scale; proposes no answers")
 
     def _follow(self, one: _Attempt, before: threading.Thread | None) -> None:
         if before is not None:

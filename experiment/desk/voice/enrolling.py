@@ -56,7 +56,7 @@ class Enroller:
         Raises `PalpateError` if the device has stopped, or the experimenter pauses.
         """
         if kept := load(self.file, self.answers):
-            return enrolled(kept), "what the participant said earlier in this visit is compared with"
+            return enrolled(kept), "it uses the participant's recordings from earlier in this visit"
         takes: dict[str, list[Take]] = {}
         due, again = tuple(self.answers), 0
         while again < MOST_ROUNDS:
@@ -66,9 +66,9 @@ class Enroller:
                     try:
                         take = self._take(answer, number)
                     except (BrokenExecutor, TimeoutError) as error:
-                        return None, f"nothing can be computed ({error or type(error).__name__})"
+                        return None, f"the recorded speech could not be analyzed ({error or type(error).__name__})"
                     if take is None:
-                        return None, "the experimenter goes on without it"
+                        return None, "the experimenter chose to continue without it"
                     takes[answer].append(take)
             wrong = unlike(takes)
             if not wrong:
@@ -76,8 +76,12 @@ class Enroller:
                 return enrolled(takes), f"the participant said each of {len(takes)} answers {TAKES} times"
             due, again = tuple(answer for answer in takes if answer in {*wrong, *wrong.values()}), again + 1
             pairs = "; ".join(f"'{self.answers[a]}' sounded more like '{self.answers[b]}'" for a, b in wrong.items())
-            self.console.tell(Notice(f"Takes are unlike: {pairs}. These answers are said again, as in a trial."))
-        return None, f"takes of one answer were unlike {MOST_ROUNDS} times"
+            self.console.tell(
+                Notice(
+                    f"The recordings of some answers differ: {pairs}. Record these answers again, spoken as in a trial."
+                )
+            )
+        return None, f"recordings of the same answer differed in {MOST_ROUNDS} attempts"
 
     def _take(self, answer: str, number: int) -> Take | None:
         """Return a take of an answer, asked for until there is one; None if it is not to be asked for."""

@@ -72,15 +72,13 @@ def banded(samples: NDArray[np.floating[Any]], *, rate_hz: int) -> NDArray[np.fl
     """
     x = np.asarray(samples, np.float64)
     if x.ndim != 1 or not np.all(np.isfinite(x)):
-        raise VoiceError(
-            "microphone", f"got shape {x.shape}", "look at the driver", allowed="one row of finite samples"
-        )
+        raise VoiceError("microphone", f"got shape {x.shape}", "check the driver", allowed="one row of finite samples")
     if rate_hz < RATE_HZ:
         raise VoiceError(
             "rate_hz",
             f"got {rate_hz}",
             "correct the rig file",
-            allowed=f"{RATE_HZ} Hz or more, for a voice reaches up to 8 kHz",
+            allowed=f"{RATE_HZ} Hz or more, because speech reaches 8 kHz",
         )
     if not x.size:
         return x

@@ -110,8 +110,8 @@ def take(
         raise VoiceError(
             "enrolment",
             f"got {len(utterances)} utterances",
-            "have it said again, alone and close to the microphone",
-            allowed="one, the answer",
+            "have the participant repeat only the answer, close to the microphone",
+            allowed="one utterance, the answer",
         )
     return cepstra(samples[utterances[0].begins[0] : utterances[0].end])
 
@@ -188,8 +188,8 @@ def _utterances(
         raise VoiceError(
             "answerable_s",
             f"got {answerable_s:g} s in a recording of {microphone.size / rate_hz:g} s",
-            "keep more of the stream",
-            allowed=f"from {BEFORE_S:g} s after its beginning to its end",
+            "record more of the stream",
+            allowed=f"between {BEFORE_S:g} s after its start and its end",
         )
     if background is None:
         background = listen(microphone[:answerable], played[:answerable], rate_hz=rate_hz)
@@ -205,9 +205,9 @@ def _alike(microphone: Samples, played: Samples) -> None:
     if microphone.shape != played.shape:
         raise VoiceError(
             "microphone",
-            f"got shape {microphone.shape} beside {played.shape} of the masker",
-            "look at the driver",
-            allowed="the same moments of both channels",
+            f"got shape {microphone.shape} for the microphone and {played.shape} for the masker",
+            "check the driver",
+            allowed="two channels of equal length",
         )
 
 
@@ -222,8 +222,8 @@ def leak(
     if microphone.shape != played.shape or microphone.ndim != 1 or microphone.size < SHORTEST:
         raise VoiceError(
             "microphone",
-            f"got shape {microphone.shape} beside {played.shape} of the masker",
-            "listen for longer before the answer",
+            f"got shape {microphone.shape} for the microphone and {played.shape} for the masker",
+            "record for longer before the answer",
             allowed=f"two rows of {SHORTEST} samples or more, {SHORTEST / 16000:g} s",
         )
     weights = np.ones(microphone.size - TAPS + 1) if counted is None else counted[TAPS - 1 :].astype(np.float64)

@@ -56,6 +56,6 @@ def open_listening(rig: Rig, stream: AudioStream | None, console: Console, opene
     """Open the rig's microphone on the session's stream, and what computes; tell the console where there is none."""
     microphone = None if stream is None else ear.open_microphone(rig, stream=stream)
     if microphone is None:
-        console.tell(Notice("The rig names no microphone (audio.channels.microphone): no answer is proposed."))
+        console.tell(Notice("The rig has no microphone (audio.channels.microphone), so no answers are proposed."))
         return None
     return Listening(microphone, opened.enter_context(ear.computing()))

@@ -72,9 +72,9 @@ def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
     if few or len(takes) < 2:
         raise VoiceError(
             "enrolment",
-            f"got {len(takes)} answers, and too few takes of {few}",
-            "have them said again",
-            allowed="two answers or more, each said twice or more",
+            f"got {len(takes)} answers, and too few recordings of {few}",
+            "record them again",
+            allowed="at least two answers, each recorded at least twice",
         )
     answers, every, apart = _apart(takes)
     same = np.array(answers)[:, None] == np.array(answers)
@@ -82,9 +82,11 @@ def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
         raise VoiceError(
             "enrolment",
             "got "
-            + ", ".join(f"a take of {one!r} that is nearest to one of {other!r}" for one, other in mistaken.items()),
-            "have these answers said twice again",
-            allowed="takes of an answer nearest to one another",
+            + ", ".join(
+                f"a recording of {one!r} that is closest to one of {other!r}" for one, other in mistaken.items()
+            ),
+            "record each of these answers twice again",
+            allowed="recordings closest to others of the same answer",
         )
     own = float(np.mean(apart[same & np.isfinite(apart)]))
     return Enrolment(answers, every, own, float(np.mean(apart[~same])))
@@ -121,8 +123,8 @@ def match(utterance: Take, enrolment: Enrolment, begins: Sequence[int] = (0,)) -
         raise VoiceError(
             "utterance",
             f"got shape {utterance.shape}, from frames {tuple(begins)} on",
-            "take its cepstra",
-            allowed=f"one frame or more of {coefficients} coefficients, from one of its frames on",
+            "compute its cepstra",
+            allowed=f"at least one frame of {coefficients} coefficients, starting at one of its frames",
         )
     rests = _rests(utterance, enrolment.takes)
     nearest = np.min(rests, axis=1)

@@ -71,21 +71,19 @@ class Agreement:
     def summary(self) -> str:
         """The agreement in words."""
         if self.kappa is None:
-            return f"{self.alike} of {self.pairs} alike; kappa is not defined for them"
-        return (
-            f"{self.alike} of {self.pairs} alike; kappa {self.kappa:.2f}, 95 % from {self.low:.2f} to {self.high:.2f}"
-        )
+            return f"{self.alike} of {self.pairs} agree; kappa is undefined here"
+        return f"{self.alike} of {self.pairs} agree; kappa {self.kappa:.2f}, 95 % CI {self.low:.2f} to {self.high:.2f}"
 
 
 def flag(spoken: Spoken, answered: str | None) -> str:
     """Return why an answer is to be listened to again, given what was keyed for it; empty if nothing speaks for it."""
     if spoken.onset_s is None:
-        return "nobody was heard" if answered is not None else ""
+        return "no speech was detected" if answered is not None else ""
     if spoken.proposed is None:
         return "nothing was proposed"
     if spoken.proposed != answered:
         return "another answer was proposed"
-    return "another answer was nearly as near" if spoken.lead < LOW_LEAD else ""
+    return "another answer matched almost as well" if spoken.lead < LOW_LEAD else ""
 
 
 def utterances(root: Path, *, share: float, seed: int) -> tuple[Utterance, ...]:
@@ -124,7 +122,7 @@ def _recorded_utterances(path: Path, folder: Path) -> Iterator[Utterance]:
         file = folder / said.sound
         if hashlib.sha256(storage.read_bytes(file)).hexdigest() != said.sound_sha256:
             raise DatasetError(
-                file, "is not the sound that the journal names", "restore it from a backup, or delete it"
+                file, "is not the recording that the journal lists", "restore it from a backup, or delete it"
             )
         yield Utterance(file, said.sound_sha256, answered, flag(said, answered))
 
@@ -136,7 +134,7 @@ def rated(root: Path, by: str) -> dict[str, Second]:
         try:
             lines = [Second.model_validate_json(line) for line in storage.read_bytes(log).splitlines() if line]
         except (OSError, ValidationError) as error:
-            raise DatasetError(log, "cannot be read as second answers", "restore it from a backup") from error
+            raise DatasetError(log, "is not a valid file of second answers", "restore it from a backup") from error
         found |= {line.sound_sha256: line for line in lines if line.by == by}
     return found
 
@@ -149,7 +147,9 @@ def put_on_record(one: Utterance, *, by: str, answered: str | None, clear: bool)
         with os.fdopen(os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab", buffering=0) as file:
             chain.write_through(file, second.model_dump_json().encode() + b"\n")
     except OSError as error:
-        raise DatasetError(log, f"cannot be written ({error.strerror})", "make room, then do it again") from error
+        raise DatasetError(
+            log, f"cannot be written ({error.strerror})", "free some disk space, then try again"
+        ) from error
     return second
 
 
@@ -167,9 +167,9 @@ def have_rated(
     unclear = next(key for key in "?!.:" if key not in keys)
     others = {
         protocol.answers.no_answer_key: "no answer",
-        unclear: "cannot be understood",
+        unclear: "unintelligible",
         again: "play it again",
-        stop: "go on later",
+        stop: "continue later",
     }
     choices = keys | others
     offered = "  ".join(f"[{key}] {words}" for key, words in choices.items())
@@ -231,9 +231,10 @@ class Review:
         """Return how far both agree, for a terminal."""
         return "\n".join(
             [
-                f"Second rater {self.by}: {len(self.left)} of {len(self.utterances)} are left.",
+                f"Second rater {self.by}: {len(self.left)} of {len(self.utterances)} answers left.",
                 *(f"Answers {what}: {agreement.summary}." for what, agreement in self.agreements.items()),
-                "Those drawn by chance tell of the study; flagged ones are harder than most.",
+                "Agreement on randomly drawn answers is representative of the study. Flagged answers are harder to "
+                "understand than most.",
             ]
         )
 
@@ -250,7 +251,7 @@ def agreements(
 ) -> dict[str, Agreement]:
     """Return how far both raters agree on the answers drawn by chance, and on the flagged ones."""
     found = {}
-    for what, flagged in (("drawn by chance", False), ("flagged", True)):
+    for what, flagged in (("drawn at random", False), ("flagged", True)):
         these = [one for one in utterances if bool(one.flagged) is flagged and one.sha256 in seconds]
         pairs = [(one.first, second.answered) for one in these if (second := seconds[one.sha256]).clear]
         found[what] = agreement(pairs, protocol)
@@ -278,7 +279,7 @@ def agreement(pairs: Sequence[tuple[str | None, str | None]], protocol: Protocol
 
 def play(file: Path, player: str | None) -> None:
     """Play a sound to its end by a command, or on this machine's default output. Raises `AudioError`."""
-    remedy = "name another with --player, or have paths printed with --paths"
+    remedy = "choose another player with --player, or print the paths with --paths"
     if player is not None:
         try:
             done = subprocess.run([*player.split(), str(file)], capture_output=True, check=False)  # noqa: S603

@@ -81,10 +81,17 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
     seal = read(protocol_path)
     problems = changes(protocol_path, protocol, seal)
     if today < seal.approved_on:
-        allowed = f"no later than today ({today})"
-        problems.append(mismatch("approved_on", None, str(seal.approved_on), allowed, "wait, or set the clock"))
+        allowed = f"today ({today}) or earlier"
+        problems.append(
+            mismatch(
+                "approved_on", None, str(seal.approved_on), allowed, "wait until that day, or set this computer's clock"
+            )
+        )
     if today > seal.expires_on:
-        allowed, remedy = f"no earlier than today ({today}): the approval has expired", "have it renewed and seal again"
+        allowed, remedy = (
+            f"{today} (today) or later: the approval has expired",
+            "have the approval renewed, then seal the protocol again",
+        )
         problems.append(mismatch("expires_on", None, str(seal.expires_on), allowed, remedy))
     refuse(seal_path(protocol_path), problems)
     return seal
@@ -93,8 +100,8 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
 def dataset_seal(protocol_path: Path, protocol: Protocol) -> Seal:
     """Return the seal of a dataset's `protocol`, expired or not. Raises `ProtocolError` if it is gone or changed."""
     if not (path := seal_path(protocol_path)).exists():
-        remedy = "restore it from a backup, for another is another approval"
-        refuse(path, [mismatch("seal", None, "no seal", "that under which the study was begun", remedy)])
+        remedy = "restore the seal from a backup: a new seal would be a different approval"
+        refuse(path, [mismatch("seal", None, "no seal", "the seal under which the study began", remedy)])
     seal = read(protocol_path)
     refuse(seal_path(protocol_path), changes(protocol_path, protocol, seal))
     return seal
@@ -104,9 +111,9 @@ def read(protocol_path: Path) -> Seal:
     """Return the seal beside a protocol file. Raises `ProtocolError` if there is none, or if it cannot be read."""
     path = seal_path(protocol_path)
     if not path.exists():
-        restore = "if it had one, restore that from a backup, for another is another approval"
-        remedy = seal_again(protocol_path, f"{restore}; if not, have it approved, then seal it")
-        refuse(path, [mismatch("seal", None, "no seal", "a protocol with its seal", remedy)])
+        restore = "if it had a seal, restore it from a backup: a new seal would be a different approval"
+        remedy = seal_again(protocol_path, f"{restore}; otherwise, have the protocol approved, then seal it")
+        refuse(path, [mismatch("seal", None, "no seal", "a sealed protocol", remedy)])
     document, text = load.parsed(path)
     again = seal_again(protocol_path, "to use it, seal the protocol again", "--replace")
     if (other := other_format(path, "seal", document.get("format"), get_args(Format), mend=again)) is not None:
@@ -114,8 +121,8 @@ def read(protocol_path: Path) -> Seal:
     seal = load.checked(path, Seal, document, text)
     own = hashlib.sha256(seal.protocol.encode()).hexdigest()
     if own != seal.protocol_sha256:
-        allowed = f"{own[:12]}..., the hash of the protocol that the seal itself holds: the seal was edited"
-        got, put_back = f"{seal.protocol_sha256[:12]}...", "put back the one that palpate seal wrote"
+        allowed = f"{own[:12]}..., the hash of the protocol text in the seal: the seal was edited"
+        got, put_back = f"{seal.protocol_sha256[:12]}...", "restore the seal as `palpate seal` wrote it"
         refuse(path, [mismatch("protocol_sha256", None, got, allowed, put_back)])
     return seal
 
@@ -129,11 +136,11 @@ def seal_again(protocol_path: Path, words: str, *options: str) -> Remedy:
 def changes(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Finding]:
     problems = contradictions(protocol, seal)
     if seal.protocol_sha256 != (found := sha256(protocol)):
-        allowed = f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after its approval"
-        remedy = "undo the change, or have it approved and seal it again"
+        allowed = f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after it was approved"
+        remedy = "undo the change, or have it approved and seal the protocol again"
         problems.append(mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed, remedy))
         changed, more = differences(protocol, seal.protocol)
-        problems += [mismatch(field, None, now, f"{approved}, as it was approved") for field, now, approved in changed]
+        problems += [mismatch(field, None, now, f"{approved}, as approved") for field, now, approved in changed]
         problems += [mismatch("...", None, f"{more} more changes", "none")] if more else []
     return problems
 
@@ -187,9 +194,7 @@ def refuse(path: Path, problems: list[Finding]) -> None:
 
 def contradictions(protocol: Protocol, seal: Seal) -> list[Finding]:
     return [
-        mismatch(
-            name, None, f"'{sealed}'", f"'{stated}', as the protocol's own ethics block says", "correct one of them"
-        )
+        mismatch(name, None, f"'{sealed}'", f"'{stated}', as in the protocol's ethics block", "correct one of them")
         for name in ("approval_number", "board", "approved_on", "expires_on")
         if (stated := getattr(protocol.ethics, name)) and stated != (sealed := getattr(seal, name))
     ]

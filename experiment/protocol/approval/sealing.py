@@ -36,8 +36,8 @@ def unfilled(protocol: Protocol) -> tuple[str, ...]:
 
 def unfilled_findings(protocol_path: Path, protocol: Protocol) -> list[Finding]:
     """Return a finding for each field that is still to be filled in."""
-    got, write_it = f"'{UNFILLED}'", _page_of(protocol_path, "write it, then have the board read the page")
-    return [mismatch(name, None, got, "a text of your own", write_it) for name in unfilled(protocol)]
+    got, write_it = f"'{UNFILLED}'", _page_of(protocol_path, "fill it in, then have the board read the page")
+    return [mismatch(name, None, got, "your own text", write_it) for name in unfilled(protocol)]
 
 
 def refuse_unfilled(protocol_path: Path, protocol: Protocol) -> None:
@@ -79,7 +79,7 @@ def write(
     refuse(path, contradictions(protocol, seal))
     if path.exists() and not replace:
         same = read(protocol_path).protocol_sha256 == seal.protocol_sha256
-        there = "this version of the protocol is sealed already" if same else "there is one for another version"
+        there = "this version of the protocol is already sealed" if same else "a seal for a different version exists"
         remedy = "replace it (--replace), or move it away"
         refuse(path, [mismatch("seal", None, "an existing seal", f"no seal: {there}", remedy)])
     _write(path, seal)
@@ -90,11 +90,11 @@ def unsealed(protocol_file: Path, today: date) -> str:
     """Return what to tell of a protocol under which somebody was enrolled without a seal that is valid `today`."""
     if not seal_path(protocol_file).exists():
         return (
-            "the protocol is not sealed. No session begins before it is. The dataset follows changes of the protocol "
-            "until somebody consents"
+            "the protocol is not sealed, and no session can begin. Until somebody consents, changes to the file also "
+            "update the dataset's copy"
         )
     ended = read(protocol_file).expires_on
-    return f"the approval ended on {ended}. No session begins before it is renewed" if ended < today else ""
+    return f"the approval ended on {ended}. No session can begin until it is renewed" if ended < today else ""
 
 
 def replaced(protocol_path: Path, protocol: Protocol) -> str:
@@ -102,8 +102,8 @@ def replaced(protocol_path: Path, protocol: Protocol) -> str:
     try:
         seal = read(protocol_path)
     except PalpateError:
-        return "This replaces a seal that cannot be read."
-    version = "this version" if seal.protocol_sha256 == sha256(protocol) else "another version of the protocol"
+        return "This replaces an unreadable seal."
+    version = "this version" if seal.protocol_sha256 == sha256(protocol) else "a different version of the protocol"
     number = quoted(seal.approval_number)
     return f"This replaces the seal of {version}: approval {number}, from {seal.approved_on} to {seal.expires_on}."
 
@@ -111,20 +111,23 @@ def replaced(protocol_path: Path, protocol: Protocol) -> str:
 def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Seal | None]:
     """Return the state of approval `today` in a sentence, and the seal. Raises `ProtocolError` if it is unreadable."""
     if not seal_path(protocol_path).exists():
-        return "NOT SEALED: no approval of this protocol is recorded beside its file.", None
+        return "NOT SEALED: there is no approval next to this protocol file.", None
     seal = read(protocol_path)
     if changes(protocol_path, protocol, seal):
         version = f"{seal.protocol_sha256[:12]}..."
         changed, more = differences(protocol, seal.protocol)
         named = [f"{field} is {now}, but {approved} was approved" for field, now, approved in changed]
         fields = "; ".join([*named, *([f"{more} more changes"] if more else [])])
-        told = f"CHANGED SINCE THE SEAL: the seal is of another version, {version}; palpate run refuses this one."
-        return f"{told} What is not as approved: {fields}." if fields else told, seal
+        told = (
+            f"CHANGED SINCE IT WAS SEALED: the seal is for a different version, {version}. `palpate run` refuses this "
+            "version."
+        )
+        return f"{told} Differences from the approved version: {fields}." if fields else told, seal
     if today < seal.approved_on:
         return f"SEALED FOR LATER: the approval of this version begins on {seal.approved_on}.", seal
     if today > seal.expires_on:
-        return f"SEALED, BUT EXPIRED: the approval of this version ended before today ({today}).", seal
-    return "SEALED: this version is approved; compare what the seal says with the board's letter.", seal
+        return f"SEALED, BUT EXPIRED: the approval of this version has ended (today is {today}).", seal
+    return "SEALED: this version is approved. Compare the seal with the board's letter.", seal
 
 
 def _page_of(protocol_path: Path, words: str) -> Remedy:
@@ -134,11 +137,11 @@ def _page_of(protocol_path: Path, words: str) -> Remedy:
 def _of_another_page(protocol_path: Path, protocol: Protocol, digits: str) -> list[Finding]:
     found = sha256(protocol)
     if not re.fullmatch("[0-9a-f]{8,64}", digits.lower()):
-        allowed = f"8 to 64 digits and letters a to f, and these are {len(digits)}"
-        return [mismatch("--sha256", None, quoted(digits), allowed, "type the first on the page again")]
+        allowed = f"8 to 64 hexadecimal digits (there are {len(digits)})"
+        return [mismatch("--sha256", None, quoted(digits), allowed, "type the first digits from the page again")]
     if found.startswith(digits.lower()):
         return []
-    words = "the page that the board read is of another version: have them read the page of this one"
+    words = "the board read the page of a different version; have the board read the page of this version"
     allowed = f"the first 8 or more digits of {found}"
     return [mismatch("--sha256", None, quoted(digits), allowed, _page_of(protocol_path, words))]
 

@@ -22,7 +22,7 @@ ColumnName = Annotated[
     str,
     Field(
         pattern=r"^[a-z][a-z0-9_]{0,31}$",
-        description="up to 32 lower-case letters, digits and _, a letter first (it heads a column)",
+        description="up to 32 lowercase letters, digits and _, starting with a letter (column heading)",
     ),
 ]
 
@@ -59,50 +59,49 @@ _TWO_NUMBERS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")
 
 
 def _question(table: Table) -> Iterator[Broken]:
-    """`choice` alone has `values`, each once, two at least; `scale` needs `least` and `most`, whole numbers.
-
+    """Only `choice` has `values`: at least two, each once. `scale` needs `least` and `most`, which are whole numbers.
     `number` may have both; `text` has none of the three.
     """
     answer, values = table.get("answer"), list_at(table, "values")
     if answer == "choice" and len(values) < 2:
-        yield Broken(("values",), "at least two: a choice needs them")
+        yield Broken(("values",), "at least two values, because this is a choice")
     if answer in ("number", "scale", "text") and values:
-        yield Broken(("values",), "no values: only a choice has this key")
+        yield Broken(("values",), "no values: only choices have this key")
     for i, one in enumerate(values):
         if one in (*values[:i], *MISSING):
-            yield Broken(("values", i), "each value once, and none that is read as missing, such as NA")
+            yield Broken(("values", i), "unique values, none of which means a missing value, such as NA")
     least, most = number_at(table, "least"), number_at(table, "most")
     for key, value in (("least", least), ("most", most)):
         if answer == "scale" and (value is None or value != int(value)):
-            yield Broken((key,), "a whole number: a scale needs it")
+            yield Broken((key,), "a whole number, because a scale needs one")
         if answer in ("choice", "text") and value is not None:
-            yield Broken((key,), "no value: only a number and a scale have this key")
+            yield Broken((key,), "no value: only numbers and scales have this key")
     if least is not None and most is not None and most <= least:
         yield Broken(("most",), f"a number above least ({least:g})")
 
 
 def _fact(table: Table) -> Iterator[Broken]:
-    """As a question; `id` is none that palpate or BIDS uses; `age` in years is at most 89; a number alone has `group`.
-
-    `sex` is female, male, other; `handedness` left, right, ambidextrous, as in BIDS.
+    """The rules for `[[asked.questionnaires.items]]` apply. `id` is not one that palpate or BIDS uses; `age` in years
+    is at most 89; only a number has `group`. As in BIDS, `sex` is female, male or other, and `handedness` is left,
+    right or ambidextrous.
     """
     yield from _question(table)
     name, values = table.get("id"), list_at(table, "values")
     if name in (*OURS, *(one for one, known in BIDS.items() if not known)):
-        yield Broken(("id",), "another name: palpate or BIDS uses this one")
+        yield Broken(("id",), "a different name: palpate or BIDS already uses this one")
     if known := BIDS.get(str(name)):
         if table.get("answer") in ("number", "scale", "text"):
             yield Broken(("answer",), f"choice, for '{name}'")
         for i, one in enumerate(values):
             if one not in known:
-                yield Broken(("values", i), f"one of: {', '.join(known)}, as BIDS has it; or name the column otherwise")
+                yield Broken(("values", i), f"one of: {', '.join(known)}, as in BIDS; or rename the column")
     if name == "age":
         if table.get("answer") in ("choice", "scale", "text"):
-            yield Broken(("answer",), "number, in years; or name the column otherwise, such as age_group")
+            yield Broken(("answer",), "number, in years; or rename the column, e.g., to age_group")
         elif (most := number_at(table, "most")) is None or most > OLDEST:
-            yield Broken(("most",), f"at most {OLDEST}, as BIDS has it")
+            yield Broken(("most",), f"at most {OLDEST}, as in BIDS")
     if table.get("answer") in ("choice", "scale", "text") and table.get("group") is not None:
-        yield Broken(("group",), "no value: only a number has this key")
+        yield Broken(("group",), "no value: only numbers have this key")
 
 
 class Question(Confined):
@@ -170,18 +169,18 @@ class Question(Confined):
 
 
 class Fact(Question):
-    """One thing that participants are asked of themselves; it is a column of participants.tsv.
+    """A question to participants about themselves; the answers are a column of participants.tsv.
 
     Attributes:
         id: heads the column.
         question: what is asked.
         answer: one of `values`, a number, a whole number from `least` to `most`, or a line of text.
-        values: what may be chosen.
+        values: the choices.
         least: the smallest number.
         most: the largest number.
-        unit: of a number.
+        unit: unit of the number.
         reason: why the study needs it, for the board.
-        group: width of the groups in which a number is shared.
+        group: width of the bins that replace a number when shared.
     """
 
     RULES: ClassVar[Rules] = _fact
@@ -197,10 +196,10 @@ class Item(Question):
         id: heads the column.
         question: what is asked.
         answer: one of `values`, a number, a whole number from `least` to `most`, or a line of text.
-        values: what may be chosen.
+        values: the choices.
         least: the smallest number.
         most: the largest number.
-        unit: of a number.
+        unit: unit of the number.
     """
 
 
@@ -209,9 +208,9 @@ class Questionnaire(Confined):
 
     Attributes:
         id: names its table under `phenotype/`.
-        title: what it is called.
-        task: id of the task that it comes with.
-        when: before the familiarisation of the task, or after its last trial.
+        title: its title.
+        task: id of its task.
+        when: before the task's familiarization, or after its last trial.
         items: its questions, in order.
     """
 
@@ -223,7 +222,7 @@ class Questionnaire(Confined):
 
 
 class Asked(Confined):
-    """What participants are asked beside the trials.
+    """What participants are asked outside the trials.
 
     Attributes:
         people: facts about themselves, at enrolment.
@@ -265,14 +264,16 @@ def broken(table: Table) -> Iterator[Broken]:
         if one.get("id") in DEVICES:
             yield Broken(("asked", "questionnaires", i, "id"), NO_DEVICE)
         if one.get("id") == TOUCH:
-            yield Broken(("asked", "questionnaires", i, "id"), f"another name: '{TOUCH}' stands for [[asked.touch]]")
+            yield Broken(
+                ("asked", "questionnaires", i, "id"), f"a different name: '{TOUCH}' is reserved for [[asked.touch]]"
+            )
         if one.get("task") not in tasks:
             yield Broken(("asked", "questionnaires", i, "task"), f"a task, one of: {', '.join(map(str, tasks))}")
         items = tables_at(one, "items")
         yield from _once(items, ("asked", "questionnaires", i, "items"))
         for j, item in items:
             if item.get("id") == OURS[0]:
-                yield Broken(("asked", "questionnaires", i, "items", j, "id"), f"another name than {OURS[0]}")
+                yield Broken(("asked", "questionnaires", i, "items", j, "id"), f"a name other than {OURS[0]}")
     for i, name in enumerate(list_at(sharing, "questionnaires")):
         known = [one.get("id") for _, one in questionnaires] + [TOUCH] * bool(list_at(asked, "touch"))
         if name not in known:
@@ -283,18 +284,20 @@ def broken(table: Table) -> Iterator[Broken]:
     for i, name in enumerate(list_at(sharing, "facts")):
         answer = of.get(name, {}).get("answer")
         if (column := f"{name}_group" if answer == "number" else str(name)) in columns:
-            yield Broken(("sharing", "facts", i), f"a fact with a column of its own: '{column}' is there already")
+            yield Broken(("sharing", "facts", i), f"a fact with its own column: '{column}' already exists")
         columns.add(column)
         if answer in (None, "text"):
-            yield Broken(("sharing", "facts", i), "the id of one of [[asked.people]] that is no text")
+            yield Broken(("sharing", "facts", i), "the id of one of [[asked.people]] that is not text")
         elif answer == "number" and of[name].get("group") is None:
             at = next(place for place, one in people if one.get("id") == name)
-            yield Broken(("asked", "people", at, "group"), "a number greater than 0: sharing.facts names it")
+            yield Broken(
+                ("asked", "people", at, "group"), "a number greater than 0, because sharing.facts lists this fact"
+            )
 
 
 def _once(tables: list[tuple[int, Table]], at: Place) -> Iterator[Broken]:
     seen: set[object] = set()
     for i, one in tables:
         if one.get("id") in seen:
-            yield Broken((*at, i, "id"), "an id of its own")
+            yield Broken((*at, i, "id"), "a unique id")
         seen.add(one.get("id"))

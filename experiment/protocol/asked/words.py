@@ -12,27 +12,28 @@ def recorded(protocol: Protocol) -> Iterator[Block]:
     asked = protocol.table(Asked)
     if asked.people:
         yield Said(
-            "At enrolment participants are asked the following about themselves; nobody has to answer. The answers "
-            "stand under a number in a file of their own and in the table of participants. Both go with a withdrawal, "
-            "and what stays on record tells nobody what was answered."
+            "At enrollment, participants are asked the following about themselves; answering is optional. The "
+            "answers are stored under a number, both in a separate file and in the participants table. Both copies "
+            "are deleted if the participant withdraws, and the remaining record does not reveal the answers."
         )
         for one in asked.people:
             shared = protocol.sharing is not None and one.id in protocol.sharing.facts
             yield Gap()
             yield facts(*_question(one), ("Reason", Free(one.reason)), ("Shared", "yes" if shared else "no"))
             if one.group is not None:
-                yield facts(("Groups", f"of {one.group:g}, in what is shared"))
+                yield facts(("Groups", f"of {one.group:g}, in the shared data"))
         yield Gap()
     for form in asked.questionnaires:
         yield Said(
-            f"{'Before the familiarisation' if form.when == 'before' else 'After the last trial'} of task {form.task} "
-            "participants are asked the following; nobody has to answer. The answers are kept with the trials."
+            f"{'Before the familiarization' if form.when == 'before' else 'After the last trial'} of task "
+            f"{form.task}, participants are asked the following; answering is optional. The answers are stored with "
+            "the trials."
         )
         shared = protocol.sharing is not None and form.id in protocol.sharing.questionnaires
         yield facts(
             ("Questionnaire", Free(form.title)),
             ("Id", form.id),
-            ("Shared", "yes, but for texts" if shared else "no"),
+            ("Shared", "yes, except free text" if shared else "no"),
         )
         for item in form.items:
             yield Gap()
@@ -41,8 +42,9 @@ def recorded(protocol: Protocol) -> Iterator[Block]:
     if asked.touch:
         shared = protocol.sharing is not None and TOUCH in protocol.sharing.questionnaires
         yield Said(
-            "Before the familiarisation of every task it is recorded what the skin touches; nobody has to answer. This "
-            f"is kept with the trials, and {'shared, but for texts' if shared else 'not shared'}."
+            "Before the familiarization of every task, the experimenter records what the skin touches; answering is "
+            "optional. The answers are stored with the trials and "
+            f"{'shared, except free text' if shared else 'not shared'}."
         )
         for item in asked.touch:
             yield Gap()

@@ -13,7 +13,7 @@ FIRST, SECOND, TIE = "first", "second", "tie"
 WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
 """What an answer names: the material presented first, the one presented second, or neither."""
 
-NAMED = {FIRST: "the material presented first", SECOND: "the one presented second", TIE: "neither of the two"}
+NAMED = {FIRST: "the material presented first", SECOND: "the material presented second", TIE: "neither of the two"}
 """The same, as the sidecar of a dataset tells it."""
 
 TESTS = {
@@ -24,14 +24,15 @@ TESTS = {
 
 
 class Comparison(Confined):
-    """In each trial a participant names one of two materials.
+    """In each trial, a participant chooses one of two materials.
 
     Attributes:
         quality: what is compared, such as hardness.
-        ordered: whether materials are listed from the least of it to the most; if not, no choice is right or wrong.
-        first_key: the first was named.
-        second_key: the second.
-        tie_key: neither; without it participants must choose.
+        ordered: whether `[[materials]]` lists them from least to most of the quality; if not, no choice is right or
+            wrong.
+        first_key: the first was chosen.
+        second_key: the second was chosen.
+        tie_key: neither was chosen; without this key, participants must choose.
     """
 
     quality: Name
@@ -51,23 +52,25 @@ def _rules(table: Table) -> Iterator[Broken]:
     """The design `comparison` needs `[comparison]`.
 
     No material has `key` or `spoken`, `answers.microphone` is false, and the planned tests are `Bradley-Terry`,
-    `Thurstone`, `factors`, `delays`, `crossover`, or, where there is a `tie_key`, `Davidson`. With two factors or more
-    `ordered` is false; then no task has `levels`.
+    `Thurstone`, `factors`, `delays`, `crossover`, or, with a `tie_key`, `Davidson`. With two or more factors, `ordered`
+    is false; then no task has `levels`.
     """
     if table.get("comparison") is None:
-        yield Broken(("comparison",), "a table: tasks of the design 'comparison' need it")
+        yield Broken(("comparison",), "a table, because tasks with the design 'comparison' need it")
     for i, one in tables_at(table, "materials"):
         for key in ("key", "spoken"):
             if one.get(key):
-                yield Broken(("materials", i, key), "no value: participants compare materials, and name none")
+                yield Broken(("materials", i, key), "no value: participants compare materials but do not name them")
     if table_at(table, "answers").get("microphone") is True:
-        yield Broken(("answers", "microphone"), "false: with pairs nobody names a material")
+        yield Broken(("answers", "microphone"), "false: participants do not name materials in pairs")
     ordered = table_at(table, "comparison").get("ordered") is not False
     if ordered and len(list_at(table, "factors")) > 1:
-        yield Broken(("comparison", "ordered"), "false: materials of several factors stand in no one order")
+        yield Broken(("comparison", "ordered"), "false: materials with several factors have no single order")
     for i, task in tables_at(table, "tasks") if not ordered else ():
         if task.get("levels") is not None:
-            yield Broken(("tasks", i, "levels"), "no table: no answer is right or wrong where nothing is ordered")
+            yield Broken(
+                ("tasks", i, "levels"), "no table: unless the materials are ordered, no answer is right or wrong"
+            )
     tied = table_at(table, "comparison").get("tie_key") is not None
     for i, test in tables_at(table, "analysis"):
         if test.get("test") in TESTS and (test["test"] == "Davidson") != tied:
@@ -95,7 +98,7 @@ def _answers(protocol: Protocol, laid_out: Sequence[str]) -> dict[str, Meaning]:
 
 def _presents(protocol: Protocol, task: Task) -> str:
     pairs, count = len(protocol.presentations(task)), len(protocol.materials_of(task))
-    return f"{pairs} pairs of {count} materials, compared by their {protocol.table(Comparison).quality}"
+    return f"{pairs} pairs of {count} materials, compared in terms of {protocol.table(Comparison).quality}"
 
 
 DESIGN = ProtocolDesign(

@@ -20,11 +20,16 @@ def broken(table: Table) -> Iterator[Broken]:
             or task.get("stimulus") != "virtual"
             or task.get("levels") is not None
         ):
-            yield Broken(("tasks", i, "control"), "no table: only a virtual identification without levels is a control")
+            yield Broken(
+                ("tasks", i, "control"), "no table: only a virtual identification task without levels can be a control"
+            )
         if table_at(task, "control").get("of") not in allowed:
-            words = f"a virtual task that is no control, one of: {', '.join(map(str, allowed)) or 'none'}"
+            words = f"a virtual task that is not itself a control, one of: {', '.join(map(str, allowed)) or 'none'}"
             yield Broken(("tasks", i, "control", "of"), words)
     for i, test in tables_at(table, "analysis"):
         for j, name in enumerate(list_at(test, "tasks")):
             if name in controls:
-                yield Broken(("analysis", i, "tasks", j), "no control: each has a test of its own, in every report")
+                yield Broken(
+                    ("analysis", i, "tasks", j),
+                    "a task that is not a control: every report tests each control separately anyway",
+                )

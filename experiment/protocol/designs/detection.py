@@ -23,7 +23,7 @@ NAMED = {
     YES: "something was felt",
     NO: "nothing was felt",
     FIRST: "something was felt in the first interval",
-    SECOND: "something was felt in the second",
+    SECOND: "something was felt in the second interval",
 }
 """What an answer says, for the experimenter, and as the sidecar of a dataset tells it."""
 
@@ -35,20 +35,19 @@ TESTS = {name: PlannableTest(since=7, leveled=True) for name in ("threshold", "s
 
 
 class Detection(Confined):
-    """What trials of the design `detection` need: in each, a participant says whether, or when, something was felt.
-
-    Every material but `blank` is a signal.
+    """Settings for trials of the design `detection`: participants report whether, or in which interval, they felt
+    something. Every material except `blank` is a signal.
 
     Attributes:
-        intervals: stimuli of a trial: 1, and participants say yes or no; 2, one of which is `blank`, and they say which
-            one had the signal: each in half of the trials, drawn ahead.
-        blank: the material that is nothing; needed by catch trials and by two intervals.
-        signal_trials: trials of each signal in a block.
-        catch_trials: trials of a block that present `blank` alone; only yes or no.
+        intervals: stimuli per trial: with 1, participants say yes or no; with 2, one is `blank`, and they say which had
+            the signal, which is first in half of the trials (drawn in advance).
+        blank: the material without a stimulus; needed by catch trials and by two intervals.
+        signal_trials: trials of each signal per block.
+        catch_trials: trials per block that present only `blank`; only for yes or no.
         yes_key: something was felt.
-        no_key: nothing was.
+        no_key: nothing was felt.
         first_key: it was in the first interval.
-        second_key: in the second.
+        second_key: it was in the second.
     """
 
     intervals: Literal[1, 2]
@@ -69,13 +68,13 @@ class Detection(Confined):
 def _rules(table: Table) -> Iterator[Broken]:
     """The design `detection` needs `[detection]`, with `yes_key` and `no_key`, or `first_key` and `second_key`.
 
-    `blank` is a material of which its kind of trial plays nothing; two intervals and catch trials need it, and every
-    task presents it. `intervals` are as many as a trial of the kind may present. Orders are not `max-run`. With two,
-    there are no `catch_trials`, and each signal has an even number of trials. No material has `key` or `spoken`,
-    and `answers.microphone` is false. A test `threshold` names tasks with levels.
+    `blank` is a material without a stimulus; two intervals and catch trials need it, and every task presents it. There
+    are no more `intervals` than stimuli in a trial of the kind. Orders are not `max-run`. With two intervals, there are
+    no `catch_trials`, and each signal has an even number of trials. No material has `key` or `spoken`, and
+    `answers.microphone` is false. A test `threshold` names tasks with levels.
     """
     if table.get("detection") is None:
-        yield Broken(("detection",), "a table: tasks of the design 'detection' need it")
+        yield Broken(("detection",), "a table, because tasks with the design 'detection' need it")
         return
     own = table_at(table, "detection")
     shown = 2 if own.get("intervals") == 2 else 1
@@ -86,9 +85,9 @@ def _rules(table: Table) -> Iterator[Broken]:
     for i, one in tables_at(table, "materials"):
         for key in ("key", "spoken"):
             if one.get(key):
-                yield Broken(("materials", i, key), "no value: participants detect materials, and name none")
+                yield Broken(("materials", i, key), "no value: participants detect materials but do not name them")
     if table_at(table, "answers").get("microphone") is True:
-        yield Broken(("answers", "microphone"), "false: nobody names a material")
+        yield Broken(("answers", "microphone"), "false: participants do not name materials")
     yield from _blank(table, own, shown)
     for i, task in tables_at(table, "tasks"):
         yield from _task(task, ("tasks", i), own, shown)
@@ -97,7 +96,10 @@ def _rules(table: Table) -> Iterator[Broken]:
     for i, test in tables_at(table, "analysis"):
         for j, one in enumerate(list_at(test, "tasks")):
             if test.get("test") == "threshold" and one in fixed:
-                yield Broken(("analysis", i, "tasks", j), "a task with levels: at one level there is no threshold")
+                yield Broken(
+                    ("analysis", i, "tasks", j),
+                    "a task with levels: a threshold cannot be estimated from a single level",
+                )
 
 
 def _limits(table: Table, own: Table) -> Iterator[Broken]:
@@ -118,26 +120,28 @@ def _blank(table: Table, own: Table, shown: int) -> Iterator[Broken]:
     blank, silent = own.get("blank"), [one for kind in kinds[:1] for one in kind.silent(table)]
     catches = number_at(own, "catch_trials") or 0
     if shown == 2 and catches:
-        yield Broken(("detection", "catch_trials"), "0: with two intervals every trial has a signal")
+        yield Broken(("detection", "catch_trials"), "0: with two intervals, every trial has a signal")
     needed = shown == 2 or catches
     if blank not in silent and (needed or blank is not None):
-        every = ", ".join(map(str, silent)) or "none has such a stimulus"
-        yield Broken(("detection", "blank"), f"a material whose stimulus is silence: {every}")
+        every = ", ".join(map(str, silent)) or "no material has one"
+        yield Broken(("detection", "blank"), f"a material whose stimulus is silence, one of: {every}")
     for kind in kinds[:1]:
         if shown not in kind.intervals:
-            yield Broken(("detection", "intervals"), f"{kind.intervals[0]}, as many as a trial of this kind presents")
+            yield Broken(
+                ("detection", "intervals"), f"{kind.intervals[0]}, the number that a trial of this kind presents"
+            )
 
 
 def _task(task: Table, place: tuple[str | int, ...], own: Table, shown: int) -> Iterator[Broken]:
     presented, repetitions = task.get("materials"), number_at(task, "repetitions")
     if isinstance(presented, tuple) and presented and (own.get("blank") or presented[0]) not in presented:
-        yield Broken((*place, "materials"), "detection.blank among others")
+        yield Broken((*place, "materials"), "detection.blank and other materials")
     if isinstance(presented, tuple) and [*presented] == [own.get("blank")]:
-        yield Broken((*place, "materials"), "a signal among others")
+        yield Broken((*place, "materials"), "a signal and other materials")
     if table_at(task, "order").get("kind") == "max-run":
-        yield Broken((*place, "order", "kind"), "one of: full-random, blocked-random, with detection")
+        yield Broken((*place, "order", "kind"), "one of: full-random, blocked-random, for a detection task")
     if shown == 2 and repetitions is not None and repetitions * (number_at(own, "signal_trials") or 1) % 2:
-        allowed = "so many that each signal has an even number of trials: it is in either interval alike"
+        allowed = "a value that gives each signal an even number of trials, half in each interval"
         yield Broken((*place, "repetitions"), allowed)
 
 
@@ -172,10 +176,10 @@ def _answers(protocol: Protocol, _: Sequence[str]) -> dict[str, Meaning]:
 
 def _presents(protocol: Protocol, task: Task) -> str:
     own, of = protocol.table(Detection), ", ".join(signals(protocol, task))
-    catches = f" and {own.catch_trials} without any" if own.catch_trials else ""
+    catches = f" and {own.catch_trials} without a signal" if own.catch_trials else ""
     how = "in one of two intervals" if own.intervals == 2 else "yes or no"
     block = len(protocol.presentations(task))
-    return f"Detection of {of}, {how}; blocks of {block}, {own.signal_trials} of each signal{catches}"
+    return f"Detection of {of}, {how}; blocks of {block}, {own.signal_trials} with each signal{catches}"
 
 
 DESIGN = ProtocolDesign(

@@ -34,27 +34,26 @@ KEYS = string.digits[1:] + string.ascii_lowercase
 
 
 def _factor_rules(table: Table) -> Iterator[Broken]:
-    """`values` are unlike each other, and `names` as many as they."""
+    """`values` are all different, and there are as many `names`."""
     values, names = list_at(table, "values"), list_at(table, "names")
     for i, one in enumerate(values):
         if one in values[:i]:
-            yield Broken(("values", i), "another value than those before it")
+            yield Broken(("values", i), "a value that differs from all previous values")
     if names and len(names) != len(values):
-        yield Broken(("names",), f"{len(values)} names, one for each value")
+        yield Broken(("names",), f"{len(values)} names, one per value")
 
 
 class Factor(Confined):
-    """What stimuli differ in. Each value is crossed with each of the other factors', into a material of its own.
-
-    One stimulus, or one surface, names no material: each combination is made from it. A material is named after its
-    values, such as `60 Hz at 2 m/s^2`. Others may stand beside these in `[[materials]]`, with a stimulus each.
+    """How stimuli differ. Each combination of the values of all factors becomes a material, made from the one stimulus
+    or surface that names no material. It is named after its values, such as `60 Hz at 2 m/s^2`. `[[materials]]` may add
+    others, each with a stimulus.
 
     Attributes:
         id: its name in tables of results.
-        changes: the key that it sets, which that stimulus leaves out: `delay_ms`, or one of every wave of a sort, such
-            as `decaying.frequency_hz`.
+        changes: the key that it sets, which that stimulus omits: `delay_ms`, or a key of all waves of one type, such as
+            `decaying.frequency_hz`.
         values: its values.
-        names: what each is called in materials' names, if not by its number and unit.
+        names: how materials' names show them, if not as number and unit.
     """
 
     RULES: ClassVar[Rules] = _factor_rules
@@ -127,19 +126,19 @@ def _reasons(document: Table) -> Iterator[Broken]:
     """Yield why factors of a document as it was written cannot be crossed."""
     factors, place = _read(document), _template(document)
     if place is None:
-        allowed = "one stimulus or virtual surface that names no material, which the factors change"
+        allowed = "one stimulus or virtual surface without a material, whose values the factors set"
         yield Broken(("factors",), allowed)
         return
     table, key, at = place
     if (combinations := prod(len(one.values) for one in factors)) > MOST:
-        yield Broken(("factors",), f"at most {MOST} combinations, and these are {combinations}")
+        yield Broken(("factors",), f"at most {MOST} combinations (there are {combinations})")
         return
     if len(_materials(factors)) < combinations:
-        yield Broken(("factors",), "names of values by which no two combinations are called the same")
+        yield Broken(("factors",), "value names that make the name of each combination unique")
     for i, factor in enumerate(factors):
         places = list(_places(document[table][key][at], factor.changes.split(".")))
         if not places:
-            yield Broken(("factors", i, "changes"), "a key of a table that the stimulus without a material has")
+            yield Broken(("factors", i, "changes"), "a key of a table in the stimulus that has no material")
         for path, own in places:
             if own.get(str(path[-1])) is not None:
                 allowed = f"no value: the factor '{factor.id}' sets it"
@@ -231,9 +230,9 @@ def broken(table: Table) -> Iterator[Broken]:
     factors = _read(table)
     for i, one in enumerate(factors):
         if one.id in [other.id for other in factors[:i]]:
-            yield Broken(("factors", i, "id"), "a name of its own")
+            yield Broken(("factors", i, "id"), "a unique name")
         if one.changes in [other.changes for other in factors[:i]]:
-            yield Broken(("factors", i, "changes"), "a key that no other factor changes")
+            yield Broken(("factors", i, "changes"), "a key that no other factor sets")
     ids = {one.get("id") for _, one in tables_at(table, "materials")}
     if factors and not ids.issuperset(_materials(factors)):
         yield from _reasons(table)
@@ -257,7 +256,9 @@ def _unlike(document: Table, factors: Factors) -> Iterator[Broken]:
                         rest = _put(rest, where, None)
                 alike = alike or rest
                 if rest != alike:
-                    yield Broken((table, key, i), "what the first of the factors has, but for what these change")
+                    yield Broken(
+                        (table, key, i), "the value in the first combination, except for keys that the factors set"
+                    )
 
 
 def relaxed(schema: Mapping[str, Any]) -> dict[str, Any]:
@@ -270,11 +271,11 @@ def blocks(protocol: Protocol) -> Iterator[Block]:
     """Yield what the board reads of the factors of a study that has some."""
     factors: Factors = getattr(protocol, "factors", ())
     whole = all(task.materials is None and task.levels is None for task in protocol.tasks)
-    often = " In each task every value comes as often as any other of its factor." if whole else ""
-    of = "each value of the factor" if len(factors) == 1 else "each value of a factor with each of the others"
+    often = " In each task, all values of a factor are presented equally often." if whole else ""
+    of = "each value of the factor" if len(factors) == 1 else "every combination of the factors' values"
     yield Said(
-        f"{count(prod(len(one.values) for one in factors), 'material')} are made of factors, {of}, and in all else are "
-        f"alike.{often} What the factors set:"
+        f"{count(prod(len(one.values) for one in factors), 'material')} vary by factors ({of}) and are otherwise "
+        f"identical.{often} The factors set:"
     )
     yield page_facts(*((one.id, f"{one.changes}: {_values(one)}") for one in factors))
 

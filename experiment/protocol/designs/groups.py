@@ -18,7 +18,7 @@ COLUMN = "group"
 
 
 class Group(Confined):
-    """Groups into which participants are drawn as they enrol.
+    """Groups to which participants are randomly assigned as they enroll.
 
     Attributes:
         id: its name.
@@ -44,24 +44,25 @@ def broken(table: Table) -> Iterator[Broken]:
     known: set[str] = set()
     own = tables_at(table, "groups")
     if len(own) == 1:
-        yield Broken(("groups",), "at least two, or none")
+        yield Broken(("groups",), "at least two groups, or none at all")
     for i, one in own:
         name = str(one.get("id"))
         if name in MISSING or not known.isdisjoint(looks(name)):
-            yield Broken(("groups", i, "id"), "a name of its own, and none that is read as missing, such as NA")
+            yield Broken(("groups", i, "id"), "a unique name that does not mean a missing value, such as NA")
         known |= {*looks(name)}
     for i, fact in tables_at(table_at(table, "asked"), "people"):
         if fact.get("id") == COLUMN:
             yield Broken(
-                ("asked", "people", i, "id"), f"another name than {COLUMN}, which heads the column of [[groups]]"
+                ("asked", "people", i, "id"), f"a name other than {COLUMN}, which is the column for [[groups]]"
             )
 
 
 def blocks(protocol: Protocol) -> Iterator[Block]:
     """Yield what a board reads of the groups."""
     yield Said(
-        "Participants are drawn into groups as they enrol, by permuted blocks of one of each group, so that groups "
-        "stay balanced, and orders of tasks within each. The experimenter knows the group. What is different for each:"
+        "Participants are assigned to groups at random as they enroll. Permuted blocks, each with one participant "
+        "from each group, balance the groups, and the task orders within each group. The experimenter knows which "
+        "group a participant is in. Differences between the groups:"
     )
     for one in groups(protocol):
         yield Item(f"{named(one.id)}:")
@@ -72,11 +73,11 @@ def advice(protocol: Protocol) -> Iterator[Finding]:
     """Yield a number of participants that cannot be divided equally among the groups."""
     people, count = protocol.study.participants, len(groups(protocol))
     if count and people % count:
-        allowed = f"as a rule a multiple of {count}, so that the groups are equally large"
+        allowed = f"usually a multiple of {count}, so that the groups are of equal size"
         yield mismatch("study.participants", None, str(people), allowed)
 
 
 def column(protocol: Protocol) -> dict[str, object]:
     """Return what the sidecar of participants.tsv says of the column."""
     levels = {one.id: one.description for one in groups(protocol)}
-    return {"Description": "Group into which the participant was drawn at enrolment.", "Levels": levels}
+    return {"Description": "Group to which the participant was randomly assigned at enrollment.", "Levels": levels}

@@ -27,18 +27,20 @@ TESTS = {
 
 
 def _rules(table: Table) -> Iterator[Broken]:
-    """In the design `identification` every material has `key` and `spoken`, `order of tasks` is `counterbalanced`.
-
-    The `correction` of `sign flips between tasks` and `difference of groups`, and of no other test, is `tasks`. Groups
-    are the values of a `choice` of `[[asked.people]]`, or, as `group`, `[[groups]]`.
+    """In the design `identification`, every material has `key` and `spoken`, and the test `order of tasks` needs a
+    `counterbalanced` order. Only `sign flips between tasks` and `difference of groups` have the `correction` `tasks`.
+    Groups are the values of a `choice` in `[[asked.people]]` or, with `group`, those of `[[groups]]`.
     """
     known = {one.get("id"): one.get("answer") for _, one in tables_at(table_at(table, "asked"), "people")}
     chosen = [name for name, answer in known.items() if answer == "choice"] + ["group"] * bool(table.get("groups"))
     for i, one in tables_at(table, "materials"):
         if one.get("key") is None:
-            yield Broken(("materials", i, "key"), "one ASCII character: participants name the material")
+            yield Broken(("materials", i, "key"), "one ASCII character, because participants name the material")
         if not one.get("spoken", ()):
-            yield Broken(("materials", i, "spoken"), "an array of at least 1, each one line: participants name it")
+            yield Broken(
+                ("materials", i, "spoken"),
+                "an array of at least 1, each a single line, because participants name the material",
+            )
     for i, test in tables_at(table, "analysis"):
         paired, family = (
             test.get("test") in ("sign flips between tasks", "difference of groups"),
@@ -46,12 +48,14 @@ def _rules(table: Table) -> Iterator[Broken]:
         )
         if (groups := test.get("groups")) is not None and groups not in chosen:
             own = ", ".join(map(str, chosen)) or "none"
-            allowed = f"the id of a choice of [[asked.people]], or 'group' for [[groups]], one of: {own}"
+            allowed = f"the id of a choice in [[asked.people]], or 'group' for [[groups]], one of: {own}"
             yield Broken(("analysis", i, "groups"), allowed)
         if family is not None and paired != (family == "tasks"):
             yield Broken(("analysis", i, "correction"), "tasks" if paired else "one of: materials, materials and tasks")
         if test.get("test") == "order of tasks" and table_at(table, "task_order").get("kind") == "fixed":
-            yield Broken(("task_order", "kind"), "counterbalanced: without it nobody does the tasks in another order")
+            yield Broken(
+                ("task_order", "kind"), "counterbalanced: in a fixed order, everyone does the tasks in the same order"
+            )
 
 
 def _answers(protocol: Protocol, _: Sequence[str]) -> dict[str, Meaning]:

@@ -21,12 +21,12 @@ TESTS = {
 
 
 class Point(Confined):
-    """A place on the scale of ratings.
+    """A step of the rating scale.
 
     Attributes:
-        key: the experimenter's key for it.
-        value: its number, above that of the place before it.
-        label: what it is called; left out, it has its number alone.
+        key: experimenter's key for this value.
+        value: its number, greater than the previous one.
+        label: its name; if omitted, only its number is shown.
     """
 
     key: Key
@@ -40,11 +40,11 @@ class Point(Confined):
 
 
 class Magnitude(Confined):
-    """How much of something physical a material has.
+    """A material's physical magnitude.
 
     Attributes:
         material: which one.
-        value: how much, in the unit of `rating.unit`.
+        value: magnitude, in `rating.unit`.
     """
 
     material: Name
@@ -52,14 +52,14 @@ class Magnitude(Confined):
 
 
 class Rating(Confined):
-    """What trials of the design `rating` need: in each, a participant gives a material a place on a scale.
+    """Settings for trials of the design `rating`: participants rate a material on a scale.
 
     Attributes:
         quality: what is rated, such as roughness.
         scale: the places, from the least of it to the most.
-        standard: the material that participants are told the rating of; left out, they are told none.
+        standard: the material whose rating participants are told; if omitted, there is none.
         modulus: that rating.
-        unit: of what is physical in `magnitudes`, such as m/s^2.
+        unit: unit of the physical `magnitudes`, such as m/s^2.
         magnitudes: how much each material has of what its rating may be a power of; a `power law` needs it.
     """
 
@@ -72,24 +72,24 @@ class Rating(Confined):
 
 
 def _rules(table: Table) -> Iterator[Broken]:
-    """The design `rating` needs `[rating]`; values of its `scale` rise, and no material has `key` or `spoken`.
+    """The design `rating` needs `[rating]`; the values of its `scale` increase, and no material has `key` or `spoken`.
 
-    `standard` is a material and has a `modulus`, one of the values. `magnitudes` are of each material and have a
-    `unit`; `power law` needs them, and values above 0. `answers.microphone` is false.
+    `standard` is a material and has a `modulus`, one of the values. `magnitudes` are given for each material and have a
+    `unit`; `power law` needs magnitudes, and values above 0. `answers.microphone` is false.
     """
     if table.get("rating") is None:
-        yield Broken(("rating",), "a table: tasks of the design 'rating' need it")
+        yield Broken(("rating",), "a table, because tasks with the design 'rating' need it")
     own = table_at(table, "rating")
     for i, one in tables_at(table, "materials"):
         for key in ("key", "spoken"):
             if one.get(key):
-                yield Broken(("materials", i, key), "no value: participants rate materials, and name none")
+                yield Broken(("materials", i, key), "no value: participants rate materials but do not name them")
     if table_at(table, "answers").get("microphone") is True:
-        yield Broken(("answers", "microphone"), "false: with ratings nobody names a material")
+        yield Broken(("answers", "microphone"), "false: participants do not name materials in rating tasks")
     values = [number_at(place, "value") for _, place in tables_at(own, "scale")]
     for i, (below, above) in enumerate(pairwise(values), start=1):
         if below is not None and above is not None and above <= below:
-            yield Broken(("rating", "scale", i, "value"), f"a number greater than the one before it ({below})")
+            yield Broken(("rating", "scale", i, "value"), f"a number greater than the previous one ({below})")
     yield from _standard(own, values, ids := [one.get("id") for _, one in tables_at(table, "materials")])
     yield from _magnitudes(table, own, values, ids)
 
@@ -99,20 +99,20 @@ def _standard(own: Table, values: list[float | None], ids: list[object]) -> Iter
     if standard is not None and standard not in ids:
         yield Broken(("rating", "standard"), f"one of the materials: {', '.join(map(str, ids))}")
     if (standard is None) != (modulus is None):
-        yield Broken(("rating", "modulus"), "a value exactly where there is a standard")
+        yield Broken(("rating", "modulus"), "a value if there is a standard, otherwise no value")
     if modulus is not None and modulus not in values:
-        yield Broken(("rating", "modulus"), f"one of the scale: {', '.join(map(str, values))}")
+        yield Broken(("rating", "modulus"), f"a value on the scale: {', '.join(map(str, values))}")
 
 
 def _magnitudes(table: Table, own: Table, values: list[float | None], ids: list[object]) -> Iterator[Broken]:
     of = [one.get("material") for _, one in tables_at(own, "magnitudes")]
     if of and (sorted(map(str, of)) != sorted(map(str, ids)) or own.get("unit") is None):
-        yield Broken(("rating", "magnitudes"), "one for each material, in a stated unit")
+        yield Broken(("rating", "magnitudes"), "one magnitude for each material, and a unit")
     for i, test in tables_at(table, "analysis"):
         if test.get("test") == "power law" and (
             not of or any(not isinstance(one, int | float) or one <= 0 for one in values)
         ):
-            allowed = "another test: 'power law' needs rating.magnitudes, and a scale above 0"
+            allowed = "a different test: 'power law' needs rating.magnitudes and a scale whose values are all above 0"
             yield Broken(("analysis", i, "test"), allowed)
 
 
@@ -131,7 +131,7 @@ def _answers(protocol: Protocol, _: Sequence[str]) -> dict[str, Meaning]:
 
 
 def _presents(protocol: Protocol, task: Task) -> str:
-    return f"{len(protocol.materials_of(task))} materials, rated by their {protocol.table(Rating).quality}"
+    return f"{len(protocol.materials_of(task))} materials, rated for their {protocol.table(Rating).quality}"
 
 
 DESIGN = ProtocolDesign(

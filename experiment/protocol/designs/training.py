@@ -15,8 +15,8 @@ _KINDS = ("footstep", "presented")
 """The kinds of trial whose entries about a trial all go through its attempt."""
 
 _UNMET = {
-    "go on": "the session goes on all the same",
-    "end": "the session ends there, complete, without a trial that counts",
+    "go on": "the session continues anyway",
+    "end": "the session ends there and counts as complete, without any trials that count",
 }
 
 
@@ -28,9 +28,9 @@ def broken(table: Table) -> Iterator[Broken]:
             continue
         place, design = ("tasks", i, "training"), task.get("design")
         if design in NAMES and (design_of(design).right is None or not ordered):
-            yield Broken(place, "no table: no answer is right or wrong")
+            yield Broken(place, "no table: in this task, no answer is right or wrong")
         if task.get("kind") not in _KINDS:
-            yield Broken(place, f"no table: only tasks of the kinds {' and '.join(_KINDS)} have a training")
+            yield Broken(place, f"no table: only tasks of the kinds {' and '.join(_KINDS)} can have training")
         training = table_at(task, "training")
         criterion = table_at(training, "criterion")
         trials, newest, right = number_at(training, "trials"), number_at(criterion, "of"), number_at(criterion, "right")
@@ -47,16 +47,16 @@ def facts(task: Task) -> Iterator[tuple[str, str | Free]]:
     ends = f"{count(training.trials, 'trial')}"
     if (criterion := training.criterion) is not None:
         ends = (
-            f"at most {ends}, until {criterion.right} of the newest {criterion.of} answers are right. If they are "
-            f"not after the last one, {_UNMET[criterion.unmet]}; either is on record"
+            f"at most {ends}, until {criterion.right} of the last {criterion.of} answers are right. If this is never "
+            f"reached, {_UNMET[criterion.unmet]}; the outcome is recorded"
         )
     yield (
         "Training",
-        f"before the trials that count: {ends}. They are drawn for each participant, who answers as in these; they are "
-        "on record and never analyzed",
+        f"before the trials that count: {ends}. Training trials are randomized for each participant, who answers as "
+        "in the trials that count. They are recorded but never analyzed",
     )
     if not training.feedback:
-        yield "Told", "nobody is told whether an answer of the training was right"
+        yield "Told", "participants are not told whether a training answer was right"
         return
     yield "Told if right", Free(training.told_right)
     yield "if not", Free(training.told_wrong)

@@ -13,12 +13,12 @@ from palpate.experiment.settings.load import Broken, Table
 
 _BROKEN_OFF = {
     "nothing": (
-        "its vibration is taken back, and the trial is at once made ready for another step; one that has begun goes on "
-        "to its end, the record has it, and the trial comes again at the end of its block"
+        "its vibration is canceled and the trial is immediately ready for another step. A vibration that has already "
+        "begun plays to its end; this is recorded, and the trial is repeated at the end of its block"
     ),
     "vibration": (
-        "its vibration is played all the same at the moment predicted last, if there was one; the record has it, and "
-        "the trial comes again at the end of its block"
+        "its vibration is still played at the last predicted time, if there was one; this is recorded, and the trial "
+        "is repeated at the end of its block"
     ),
 }
 
@@ -29,7 +29,7 @@ def broken(table: Table) -> Iterator[Broken]:
         if task.get("ahead") is None:
             continue
         if (task.get("kind"), task.get("stimulus")) != ("footstep", "virtual"):
-            yield Broken(("tasks", i, "ahead"), "no value: only the contact of a virtual footstep is predicted")
+            yield Broken(("tasks", i, "ahead"), "no value: contact is predicted only for virtual footsteps")
             continue
         yield from _too_early(table, ("tasks", i, "ahead"), -(number_at(table_at(task, "ahead"), "delay_ms") or 0.0))
 
@@ -42,7 +42,7 @@ def _too_early(table: Table, at: tuple[str | int, ...], ahead_ms: float) -> Iter
     ]
     known = [limit for limit in limits if limit]
     if not known:
-        yield Broken(at, "no value without an exclusion rule 'speed-above': a faster foot lands before its stimulus")
+        yield Broken(at, "no value without an exclusion rule 'speed-above': a fast foot could land before its stimulus")
     elif bottom_mm is not None and contact_mm is not None and (way_mm := bottom_mm - contact_mm) > 0:
         fastest_mm_s = min(known)
         left_ms = way_mm / fastest_mm_s * 1e3
@@ -51,8 +51,8 @@ def _too_early(table: Table, at: tuple[str | int, ...], ahead_ms: float) -> Iter
             least_ms = floor(left_ms * 10) / 10
             yield Broken(
                 (*at, "delay_ms"),
-                f"at least -{least_ms:g}, which the gate leaves a foot of {fastest_mm_s:g} mm/s; or a "
-                f"footstep.step.gate_bottom_mm of {high_mm:g}, or a 'speed-above' of {slow_mm_s:g}",
+                f"at least -{least_ms:g}, the time between gate and contact at {fastest_mm_s:g} mm/s; or set "
+                f"footstep.step.gate_bottom_mm to {high_mm:g}, or the limit of 'speed-above' to {slow_mm_s:g}",
             )
 
 
@@ -60,18 +60,18 @@ def facts(ahead: Ahead) -> Iterator[tuple[str, str]]:
     """Yield what the board reads of a vibration before contact."""
     yield (
         "Worn",
-        "what vibrates is worn on the foot, as the sole of a shoe is, so that it is felt before contact; this is meant "
-        "where this page says that the panel vibrates",
+        "the vibrating part is worn on the foot, like the sole of a shoe, so the vibration can be felt before "
+        "contact; wherever this page mentions the panel, it means this part",
     )
     yield (
         "Begins",
-        f"{number(-ahead.delay_ms)} ms before contact, which is predicted from how the foot moves below the gate: a "
-        "prediction is off by some milliseconds, more if the foot slows down, and each step's record says by how much",
+        f"{number(-ahead.delay_ms)} ms before contact, which is predicted from the movement of the foot below the "
+        "gate. The timing error is a few milliseconds, more if the foot slows down; each step's record shows it",
     )
     if ahead.error_max_ms is not None:
         yield (
             "Error allowed",
-            f"{number(ahead.error_max_ms)} ms: a step whose vibration begins farther from its time is repeated at the "
-            "end of its block, and no session is run on a rig of which a larger standard error is expected",
+            f"{number(ahead.error_max_ms)} ms: a step with a larger timing error is repeated at the end of its block, "
+            "and no session runs on a rig with a larger expected standard error",
         )
     yield "Broken off", f"If the foot stops, turns back or hesitates above the panel, {_BROKEN_OFF[ahead.broken_off]}."

@@ -32,7 +32,7 @@ def floor_m_s2(protocol: Protocol, participant: str | None) -> float:
     if measured.whose == "everybody" or participant is None:
         return range_m_s2(protocol)[1]
     if participant not in least:
-        allowed = f"one whose thresholds are known, in {measured.file}: {', '.join(least)}"
+        allowed = f"a participant with known thresholds in {measured.file}: {', '.join(least)}"
         problem = mismatch("participant", None, participant, allowed)
         raise ProtocolError.in_file(protocol.folder / measured.file, [problem])
     return min(protocol.table(Footstep).tactile.floor_m_s2, least[participant])
@@ -55,7 +55,7 @@ def least_m_s2(protocol: Protocol) -> Mapping[str, float]:
         if NUMBER.fullmatch(cell) and (floor := float(cell)) > 0:
             least[who] = min(floor, least.get(who, math.inf))
         elif NUMBER.fullmatch(row["frequency_hz"]) and row["beyond"] != "above the highest level":
-            unknown[who] = f"{row['beyond'] or 'no threshold'}, for {who} at {row['frequency_hz']} Hz"
+            unknown[who] = f"{row['beyond'] or 'no threshold'} for {who} at {row['frequency_hz']} Hz"
     known = {who: floor for who, floor in least.items() if who not in unknown}
     if not known or (unknown and _measured(protocol).whose == "everybody"):
         raise _unusable(protocol, "; ".join(unknown.values()) or "no floor_rms_m_s2 above 0")
@@ -70,7 +70,7 @@ def refuse_simulated(protocol: Protocol) -> None:
 
 def _measured(protocol: Protocol) -> Measured:
     if (found := protocol.table(Footstep).tactile.measured) is None:
-        problem = mismatch("footstep.tactile.measured", None, "no such table", "one that names thresholds")
+        problem = mismatch("footstep.tactile.measured", None, "none", "a table that gives thresholds")
         raise ProtocolError.in_file(f"study {protocol.study.id}", [problem])
     return found
 
@@ -79,13 +79,13 @@ def _rows(protocol: Protocol) -> list[dict[str, str]]:
     try:
         text = files.companion(protocol, _measured(protocol).file).decode("utf-8")
     except UnicodeDecodeError:
-        raise _unusable(protocol, "a file that is not UTF-8") from None
+        raise _unusable(protocol, "text that is not UTF-8") from None
     rows = list(csv.DictReader(text.splitlines()))
     if not rows or not set(COLUMNS) <= set(rows[0]) or any(None in [*row, *row.values()] for row in rows):
-        raise _unusable(protocol, "another table")
+        raise _unusable(protocol, "a different table")
     return rows
 
 
 def _unusable(protocol: Protocol, got: str) -> ProtocolError:
-    allowed = f"thresholds.csv of palpate export, with {', '.join(COLUMNS)}, of a study of sinusoids"
+    allowed = f"thresholds.csv from `palpate export` for a study of sinusoids, with the columns {', '.join(COLUMNS)}"
     return ProtocolError.in_file(protocol.folder / _measured(protocol).file, [mismatch("file", None, got, allowed)])

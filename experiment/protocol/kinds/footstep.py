@@ -16,7 +16,7 @@ def _synthesis_rules(table: Table) -> Iterator[Broken]:
     """Each of `speeds_mm_s` is greater than the one before it."""
     for i, (slower, faster) in enumerate(pairwise(list_at(table, "speeds_mm_s")), start=1):
         if is_number(slower) and is_number(faster) and faster <= slower:
-            yield Broken(("speeds_mm_s", i), f"a number greater than the one before it ({slower})")
+            yield Broken(("speeds_mm_s", i), f"a number greater than the previous one ({slower})")
 
 
 def _tactile_rules(table: Table) -> Iterator[Broken]:
@@ -36,11 +36,11 @@ class Synthesis(Confined):
     Attributes:
         rate_hz: sampling rate.
         samples: length of a take.
-        takes: of each condition.
-        speeds_mm_s: foot speeds, rising.
-        average: magnitudes of spectra, or signed coefficients.
-        left_out_max: largest share (rms) of a vibration a rig may leave out; other rigs, and unmeasured ones, are
-            refused.
+        takes: takes per condition.
+        speeds_mm_s: foot speeds, ascending.
+        average: averaged are magnitudes of spectra, or signed coefficients.
+        left_out_max: largest share (rms) of a vibration that a rig may leave out; rigs that leave out more or were not
+            measured are refused.
     """
 
     RULES: ClassVar[Rules] = _synthesis_rules
@@ -54,12 +54,13 @@ class Synthesis(Confined):
 
 
 class Measured(Confined):
-    """Thresholds measured at participants' own skin.
+    """Thresholds measured on the participants' skin.
 
     Attributes:
-        file: `thresholds.csv` of `palpate export` of a study such as `sole.toml`, beside the protocol.
+        file: `thresholds.csv` that `palpate export` wrote for a study such as `sole.toml`, in the protocol's folder.
         sha256: its hash.
-        whose: the floor is the least of all, or of each participant's own, by labels alike in both studies.
+        whose: the floor is the lowest threshold of all participants, or of each one, matched by equal labels in both
+            studies.
     """
 
     file: Annotated[str, Field(pattern=r"^[^/\\\s.][^/\\\s]*\.csv$", description="a .csv file beside it"), ONE_LINE]
@@ -68,13 +69,13 @@ class Measured(Confined):
 
 
 class Tactile(Confined):
-    """What skin and actuator can pass.
+    """Frequencies that skin and actuator can transmit.
 
     Attributes:
         low_hz: lowest frequency that counts.
         high_hz: highest.
-        floor_m_s2: rms of all outside the band that is not felt, in any material; the most, with `measured`.
-        source: of band and floor.
+        floor_m_s2: rms outside the band that is not felt, for any material; with `measured`, an upper limit.
+        source: source of band and floor.
         measured: thresholds of the participants, whose lowest is the floor.
     """
 
@@ -93,13 +94,13 @@ class Tactile(Confined):
 
 
 class Footstep(KindTable):
-    """What trials of the kind `footstep` need.
+    """Settings for trials of the kind `footstep`.
 
     Attributes:
         step: how the step is read.
         synthesis: what virtual stimuli are made of.
         tactile: which frequencies count.
-        force: record the force of the foot at each step, by a sensor under the panel (`tracker.force` of the rig).
+        force: record each step's force with a sensor under the panel (`tracker.force` of the rig).
     """
 
     step: Step
@@ -119,7 +120,7 @@ class Footstep(KindTable):
 def _rules(table: Table) -> Iterator[Broken]:
     """Tasks of the kind `footstep` need `[footstep]` and always have the design `identification`."""
     if table.get("footstep") is None:
-        yield Broken(("footstep",), "a table: tasks of the kind 'footstep' need it")
+        yield Broken(("footstep",), "a table, because tasks of the kind 'footstep' need it")
 
 
 def _floor_m_s2(protocol: Protocol, participant: str | None) -> float | None:

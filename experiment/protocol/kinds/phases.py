@@ -10,11 +10,11 @@ from palpate.experiment.protocol.models import Task
 from palpate.experiment.settings.load import Broken, Table
 
 _WORDS = {
-    "zero": "zero: all frequencies begin together, so that a vibration is a click at contact",
-    "random": "random: drawn once for all steps, so that a vibration is spread over the length of a recording",
+    "zero": "zero: all frequencies start in phase, so a vibration is a click at contact",
+    "random": "random: phases are drawn once for all steps, so a vibration lasts as long as a recording",
     "recorded": (
-        "recorded: a vibration rises and falls in time (5 ms) as the recordings did; between the speeds recorded, each "
-        "part of its energy comes between the times at which it came at the next slower and the next faster speed"
+        "recorded: a vibration rises and falls over time like the recordings (with a resolution of 5 ms). Between "
+        "recorded speeds, the timing of its energy is interpolated from the next slower and the next faster speed"
     ),
 }
 
@@ -23,7 +23,7 @@ def broken(table: Table) -> Iterator[Broken]:
     """Yield tasks with a phase that are no virtual footsteps."""
     for i, task in tables_at(table, "tasks"):
         if task.get("phase") is not None and (task.get("kind"), task.get("stimulus")) != ("footstep", "virtual"):
-            yield Broken(("tasks", i, "phase"), "no value: only a virtual footstep is made of amplitudes and phases")
+            yield Broken(("tasks", i, "phase"), "no value: only virtual footsteps are made from amplitudes and phases")
 
 
 def fact(task: Task) -> tuple[str, str]:

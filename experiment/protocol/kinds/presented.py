@@ -36,7 +36,7 @@ class Sinusoid(Confined):
 
 
 class Decaying(Confined):
-    """A sinusoid that fades from its beginning, by exp(-t B).
+    """A sinusoid that decays as exp(-t B).
 
     Attributes:
         frequency_hz: frequency.
@@ -59,13 +59,13 @@ def _noise_rules(table: Table) -> Iterator[Broken]:
 
 
 class Noise(Confined):
-    """A burst of noise, even over a band, the same whenever it is played.
+    """A burst of noise with a flat spectrum in a band, identical each time.
 
     Attributes:
         low_hz: start of the band.
         high_hz: its end.
         rms_m_s2: rms.
-        seed: of its phases.
+        seed: seed for its phases.
         lasts_s: duration.
     """
 
@@ -79,13 +79,13 @@ class Noise(Confined):
 
 
 class Sweep(Confined):
-    """A sinusoid whose frequency goes from one to another.
+    """A sinusoid that sweeps between two frequencies.
 
     Attributes:
         from_hz: first frequency.
-        to_hz: last.
+        to_hz: last frequency.
         amplitude_m_s2: peak.
-        by: even steps in these.
+        by: unit in which the sweep rate is constant.
         lasts_s: duration.
     """
 
@@ -100,19 +100,19 @@ def _pulses_rules(table: Table) -> Iterator[Broken]:
     """A cycle of `cycle_hz` ends before the next pulse, and by `lasts_s`."""
     every, cycle, lasts = (number_at(table, key) for key in ("every_s", "cycle_hz", "lasts_s"))
     if every is not None and cycle and every * cycle < 1:
-        yield Broken(("every_s",), f"at least a cycle of cycle_hz ({1 / cycle:g} s)")
+        yield Broken(("every_s",), f"at least one cycle of cycle_hz ({1 / cycle:g} s)")
     if lasts is not None and cycle and lasts * cycle < 1:
-        yield Broken(("lasts_s",), f"at least a cycle of cycle_hz ({1 / cycle:g} s)")
+        yield Broken(("lasts_s",), f"at least one cycle of cycle_hz ({1 / cycle:g} s)")
 
 
 class Pulses(Confined):
     """A train of pulses, each one cycle of a sinusoid.
 
     Attributes:
-        every_s: from pulse to pulse.
+        every_s: time from pulse to pulse.
         cycle_hz: frequency of a cycle.
         amplitude_m_s2: peak.
-        lasts_s: duration; only pulses that end by then are played.
+        lasts_s: duration; only pulses that end within it are played.
     """
 
     RULES: ClassVar[Rules] = _pulses_rules
@@ -124,11 +124,11 @@ class Pulses(Confined):
 
 
 class Recorded(Confined):
-    """A recorded acceleration, from a WAV file beside the protocol's, less its mean.
+    """A recorded acceleration without its mean, from a WAV file in the protocol's folder.
 
     Attributes:
         file: the name of the file.
-        sha256: its hash, so that the protocol's own hash names one recording.
+        sha256: its hash, so that the protocol's hash identifies the recording.
         full_scale_m_s2: the acceleration of a sample of full scale.
         begins_s: where in the file it begins.
         lasts_s: how long it lasts.
@@ -163,10 +163,10 @@ STATED = ("sinusoid", "decaying", "sweep", "pulses", "silence")
 
 
 def _part_rules(table: Table) -> Iterator[Broken]:
-    """A part is exactly one wave, and both of its ramps end by its end."""
+    """A part is exactly one wave, and includes both ramps."""
     stated = [name for name in WAVES if table.get(name) is not None]
     if len(stated) != 1:
-        yield Broken((stated[1] if stated else WAVES[0],), f"one of the tables {', '.join(WAVES)}, and no other")
+        yield Broken((stated[1] if stated else WAVES[0],), f"exactly one of the tables {', '.join(WAVES)}")
         return
     lasts, ramp = number_at(table_at(table, stated[0]), "lasts_s"), number_at(table, "ramp_s")
     if lasts is not None and ramp is not None and 2 * ramp > lasts:
@@ -174,7 +174,7 @@ def _part_rules(table: Table) -> Iterator[Broken]:
 
 
 class Part(Confined):
-    """A part of a stimulus, which follows the one before without a gap: one wave.
+    """A part of a stimulus: one wave, which follows the previous one without a gap.
 
     Attributes:
         ramp_s: rise and fall, a raised cosine.
@@ -211,7 +211,7 @@ class Part(Confined):
 
 
 class PresentedStimulus(Confined):
-    """What is played for a material.
+    """A material's stimulus.
 
     Attributes:
         material: whose stimulus it is.
@@ -228,13 +228,14 @@ class PresentedStimulus(Confined):
 
 
 class Presented(KindTable):
-    """What trials of the kind `presented` need.
+    """Settings for trials of the kind `presented`.
 
     Attributes:
-        set_off: whose key sets stimuli off, or the clock.
-        gap_s: least time from an answer to the next stimulus.
-        pause_s: between stimuli of a trial, if there are several.
-        left_out_max: largest share (rms) of a stimulus a rig may leave out; others, and unmeasured ones, are refused.
+        set_off: what starts a stimulus: someone's key, or the clock.
+        gap_s: shortest time from an answer to the next stimulus.
+        pause_s: between the stimuli of a trial, if there are several.
+        left_out_max: largest share (rms) of a stimulus that a rig may leave out; rigs that leave out more or were not
+            measured are refused.
         stimuli: what is played for each material.
     """
 
@@ -272,25 +273,26 @@ class Presented(KindTable):
 
 
 def _rules(table: Table) -> Iterator[Broken]:
-    """The kind `presented` needs `[presented]`, with a stimulus for each material and `pause_s` for several in a trial.
-
-    Its tasks are `virtual`; no amplitude is above `exposure.vibration_peak_m_s2`; `masker.probe` is left out.
+    """The kind `presented` needs `[presented]`, with a stimulus for each material, and `pause_s` if a trial has several
+    stimuli. Its tasks are `virtual`; no amplitude is above `exposure.vibration_peak_m_s2`; `masker.probe` is omitted.
     """
     if table.get("presented") is None:
-        yield Broken(("presented",), "a table: tasks of the kind 'presented' need it")
+        yield Broken(("presented",), "a table, because tasks of the kind 'presented' need it")
     own = table_at(table, "presented")
     if table_at(table, "masker").get("probe") is not None:
-        yield Broken(("masker", "probe"), "no table: a probe is of a foot's speed, and nobody steps")
+        yield Broken(("masker", "probe"), "no table: a probe imitates a footstep, and this study has no footsteps")
     for i, rule in tables_at(table, "exclusion"):
         if rule.get("when") in OF_STEPS:
-            yield Broken(("exclusion", i, "when"), "one of: undelivered, answers-below, withdrawn, where nobody steps")
+            yield Broken(
+                ("exclusion", i, "when"), "one of: undelivered, answers-below, withdrawn, in a study without steps"
+            )
     for i, task in tables_at(table, "tasks"):
         if task.get("stimulus") == "real":
-            yield Broken(("tasks", i, "stimulus"), "virtual: with this kind the rig plays every stimulus")
+            yield Broken(("tasks", i, "stimulus"), "virtual: in tasks of this kind, the rig plays every stimulus")
         design = str(task.get("design"))
         several = design in NAMES and design_of(design).shown_together(table_at(table, design)) > 1
         if several and own and own.get("pause_s") is None:
-            allowed = "a number of seconds: a trial of this design presents several stimuli"
+            allowed = "a number of seconds, because trials of this design present several stimuli"
             yield Broken(("presented", "pause_s"), allowed)
     yield from _stimuli(table, own)
 
@@ -299,7 +301,7 @@ def _stimuli(table: Table, own: Table) -> Iterator[Broken]:
     ids = [one.get("id") for _, one in tables_at(table, "materials")]
     had = [one.get("material") for _, one in tables_at(own, "stimuli")]
     if own and (without := [str(one) for one in ids if one not in had]):
-        yield Broken(("presented", "stimuli"), f"one for each material, also for {', '.join(without)}")
+        yield Broken(("presented", "stimuli"), f"one for each material; missing: {', '.join(without)}")
     peak, hashes = number_at(table_at(table, "exposure"), "vibration_peak_m_s2"), dict[object, object]()
     for i, one in tables_at(own, "stimuli"):
         if had[i] not in ids or had[i] in had[:i]:
@@ -310,7 +312,7 @@ def _stimuli(table: Table, own: Table) -> Iterator[Broken]:
             sha256 = recorded.get("sha256")
             if (first := hashes.setdefault(recorded.get("file"), sha256)) != sha256:
                 place = ("presented", "stimuli", i, "parts", j, "recorded", "sha256")
-                yield Broken(place, f"the same wherever this file is named ({first})")
+                yield Broken(place, f"the same value everywhere for this file ({first})")
             for name in WAVES:
                 strongest = number_at(table_at(part, name), "amplitude_m_s2")
                 if peak is not None and strongest is not None and strongest > peak:

@@ -19,16 +19,16 @@ NUMBERS = ("delay_ms", "crossover_hz")
 
 
 class VirtualSurface(Confined):
-    """How a virtual surface rings at a tap.
+    """How a virtual surface vibrates when tapped.
 
     Attributes:
         material: whose surface it is.
         attack_hz: f of Wellman and Howe.
-        amplitude: L of Wellman and Howe: strength at 200 mm/s, as a part of `tapping.full_m_s2`.
-        delay_ms: so long after the touch it begins to vibrate; below zero before it, which takes a prediction and an
-            actuator on the audio device; all surfaces or none state it.
-        crossover_hz: below it the block's force is felt, and above it the vibration (first order each); at least
-            `K / (2 pi C)`; all surfaces or none state it. The block then pushes along its normal alone.
+        amplitude: L of Wellman and Howe: strength at 200 mm/s, relative to `tapping.full_m_s2`.
+        delay_ms: start of the vibration relative to the touch; negative means before it, which requires a prediction
+            and an actuator on the audio device; for all surfaces or none.
+        crossover_hz: the block's force is felt below it and the vibration above it (first-order filters); at least `K /
+            (2 pi C)`; for all surfaces or none. The block then pushes only along its normal.
     """
 
     material: Name
@@ -46,20 +46,20 @@ class VirtualSurface(Confined):
 class Tapping(KindTable):
     """One block for all surfaces, and a vibration for each.
 
-    Formats 2 and 3 have it as `[comparison.virtual]`, `attack_hz` and `amplitude` in materials.
+    In formats 2 and 3, these are in `[comparison.virtual]`, and `attack_hz` and `amplitude` are in materials.
 
     Attributes:
-        switch_key: changes to the other surface.
-        rate_hz: forces a second.
+        switch_key: switches to the other surface.
+        rate_hz: forces per second.
         stiffness_n_m: K of the block.
         damping_n_s_m: C of the block.
-        mass_kg: M of the block; without it the block is held.
+        mass_kg: M of the block; without it the block is fixed.
         full_m_s2: amplitude of a surface with `amplitude` 1, at 200 mm/s.
         decay_per_s: B, decay of every vibration.
-        fastest_mm_s: a lamp shows faster hands.
+        fastest_mm_s: a lamp lights if the hand is faster.
         surfaces: how the surface of each material vibrates.
-        force_error_max: largest error of the force (rms, as a part of the law) at rest or tapping; other rigs, and
-            unmeasured ones, are refused.
+        force_error_max: largest force error (relative rms) at rest or when tapping; rigs that exceed it or were not
+            measured are refused.
     """
 
     switch_key: Key
@@ -99,15 +99,14 @@ def _rules(table: Table) -> Iterator[Broken]:
     """Tasks of the kind `tapping` always have the design `comparison`.
 
     A task whose `stimulus` is `virtual` needs `[tapping]` with a surface for each material, and
-    `exposure.force_peak_n`; `masker.probe` is left out; exclusion rules judge answers and withdrawals; where one
-    surface has `delay_ms` or `crossover_hz`, all have. With crossovers the block has no `mass_kg`, and no
-    `force_error_max`.
+    `exposure.force_peak_n`; `masker.probe` is omitted; exclusion rules apply only to answers and withdrawals. If one
+    surface has `delay_ms` or `crossover_hz`, all do. With crossovers, there is no `mass_kg` and no `force_error_max`.
     """
     if table_at(table, "masker").get("probe") is not None:
-        yield Broken(("masker", "probe"), "no table: real samples play no probe")
+        yield Broken(("masker", "probe"), "no table: there is no probe for real samples")
     for i, rule in tables_at(table, "exclusion"):
         if rule.get("when") in OF_STEPS:
-            yield Broken(("exclusion", i, "when"), "one of: answers-below, withdrawn, with taps")
+            yield Broken(("exclusion", i, "when"), "one of: answers-below, withdrawn, in a study with taps")
     ids = [one.get("id") for _, one in tables_at(table, "materials")]
     surfaces = [one.get("material") for _, one in tables_at(table_at(table, "tapping"), "surfaces")]
     if any(task.get("stimulus") == "virtual" for _, task in tables_at(table, "tasks")):
@@ -119,8 +118,10 @@ def _rules(table: Table) -> Iterator[Broken]:
     for key in NUMBERS:
         of = [one.get(key) for _, one in tables_at(table_at(table, "tapping"), "surfaces")]
         if any(one is None for one in of) and any(one is not None for one in of):
-            unit = "milliseconds, 0 at the touch" if key == "delay_ms" else "hertz"
-            yield Broken(("tapping", "surfaces", of.index(None), key), f"a number of {unit}: other surfaces state it")
+            unit = "milliseconds (0 at the touch)" if key == "delay_ms" else "hertz"
+            yield Broken(
+                ("tapping", "surfaces", of.index(None), key), f"a number of {unit}, because other surfaces have it"
+            )
     yield from _crossed(table_at(table, "tapping"))
 
 
@@ -132,17 +133,19 @@ def _crossed(tapping: Table) -> Iterator[Broken]:
         return
     for key in ("mass_kg", "force_error_max"):
         if tapping.get(key) is not None:
-            yield Broken(("tapping", key), "no value: with crossovers the block is held, and its error not known")
+            yield Broken(
+                ("tapping", key), "no value: with crossovers, the block is fixed and the force error is not known"
+            )
     least_hz = least_crossover_hz(
         number_at(tapping, "stiffness_n_m") or 0.0, number_at(tapping, "damping_n_s_m") or 0.0
     )
     if least_hz == inf:
-        yield Broken(("tapping", "damping_n_s_m"), "a number above 0: without a damper a crossover gives energy")
+        yield Broken(("tapping", "damping_n_s_m"), "a number above 0: without a damper, a crossover is not passive")
         return
     for i, hz in crossovers:
         if hz < least_hz:
             up_hz = ceil(least_hz * 1e3) / 1e3
-            allowed = f"at least {up_hz:.10g} Hz, K / (2 pi C): filtered below it, a block gives energy to the hand"
+            allowed = f"at least {up_hz:.10g} Hz, K / (2 pi C): with a lower crossover the block is not passive"
             yield Broken(("tapping", "surfaces", i, "crossover_hz"), allowed)
 
 
@@ -154,12 +157,15 @@ def least_crossover_hz(stiffness_n_m: float, damping_n_s_m: float) -> float:
 def _lacking(table: Table, without: list[str]) -> Iterator[Broken]:
     """Yield what virtual surfaces lack; these materials are `without` one."""
     if table.get("tapping") is None:
-        yield Broken(("tapping",), "a table: a task with virtual surfaces needs it")
+        yield Broken(("tapping",), "a table, because a task with virtual surfaces needs it")
     elif without:
-        allowed = f"one for each material, also for {', '.join(without)}: a task with virtual surfaces renders them all"
+        allowed = (
+            "one for each material, because a task with virtual surfaces renders them all; missing: "
+            f"{', '.join(without)}"
+        )
         yield Broken(("tapping", "surfaces"), allowed)
     if table_at(table, "exposure").get("force_peak_n") is None:
-        yield Broken(("exposure", "force_peak_n"), "a number of newtons: a task with virtual surfaces needs it")
+        yield Broken(("exposure", "force_peak_n"), "a number of newtons, because a task with virtual surfaces needs it")
 
 
 KIND = ProtocolKind(

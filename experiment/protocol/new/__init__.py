@@ -175,7 +175,7 @@ def controlled(text: str) -> str:
     document = tomlkit.parse(text)
     virtual = [one for one in document["tasks"] if one["stimulus"] == "virtual"]
     if not virtual or "control" in [one["id"] for one in document["tasks"]]:
-        raise PalpateError("got --control", allowed="a protocol with a virtual task, and none with the id control")
+        raise PalpateError("got --control", allowed="a protocol with a virtual task and without a task 'control'")
     made = tomlkit.parse(tomlkit.dumps({"tasks": [virtual[0].unwrap()]}))["tasks"][0]
     table = {"of": made["id"], "arrangement": ARRANGEMENT}
     made.update({"id": "control", "title": f"Control of {made['title']}", "control": table})
@@ -200,7 +200,7 @@ def trained(text: str, trials: int) -> str:
         return _longer(tomlkit.parse("".join(lines)), trials * len(places), (0, 0))
     except PalpateError as error:
         raise PalpateError(
-            f"--training {trials}", "this study cannot have it", allowed=error.finding.allowed
+            f"--training {trials}", "this study cannot have training", allowed=error.finding.allowed
         ) from error
 
 
@@ -230,8 +230,8 @@ def _ends_of_tasks(text: str) -> list[int]:
 
 
 ARRANGEMENT = (
-    "A bridge carries the foot: it stands on the floor beside the panel, and touches neither the panel nor what holds "
-    "it. The panel vibrates below it as in the other task."
+    "A bridge supports the foot: it stands on the floor on both sides of the panel and touches neither the panel nor "
+    "its mount. The panel vibrates below it as in the other task."
 )
 """What a control needs, for a laboratory to word; ours."""
 
@@ -240,9 +240,11 @@ def free(path: Path) -> Path:
     """Return where a new protocol file goes, ending in `.toml`. Raises `PalpateError`, also for a seal's name."""
     path = path if path.suffix else path.with_name(f"{path.name}.toml")
     if path.suffix != ".toml" or path.name.endswith(".seal.toml"):
-        raise PalpateError(f"got the file {quoted(str(path))}", allowed="a name that ends in .toml, and not .seal.toml")
+        raise PalpateError(
+            f"got the file {quoted(str(path))}", allowed="a name that ends in .toml but not in .seal.toml"
+        )
     if path.exists() or path.is_symlink():
-        raise PalpateError(plain(str(path), keep=""), "got a file that exists", "name another", allowed="a new file")
+        raise PalpateError(plain(str(path), keep=""), "this file already exists", "name another", allowed="a new file")
     return path
 
 
@@ -259,7 +261,7 @@ def check(made: str, of: Sequence[NewMaterial] = ()) -> None:
         if problem.field == "materials":
             got, allowed = f"{len(of)} material{'' if len(of) == 1 else 's'}", "two materials or more"
         elif problem.field in OTHER_KEYS:
-            got, allowed = f"the key {got}, which stands for '{OTHER_KEYS[problem.field]}'", "a key of its own"
+            got, allowed = f"the key {got}, which is already used for '{OTHER_KEYS[problem.field]}'", "a unique key"
         allowed = re.sub(r"materials\[(\d+)\]\.\S+", lambda one: quoted(of[int(one[1])].name), allowed)
         raise PalpateError(f"got {got}", allowed=allowed) from error
 
@@ -270,8 +272,8 @@ def _in_fives(value: float) -> int:
 
 
 _INSTRUCTIONS = {
-    "virtual": "Step on the panel, at any speed you like. After each step say aloud which of the materials you felt: ",
-    "real": "An object lies under the panel. Step on the panel, at any speed you like. After each step say aloud which "
-    "of the materials it was: ",
+    "virtual": "Step on the panel, at any speed you like. After each step, say aloud which of the materials you felt: ",
+    "real": "An object lies under the panel. Step on the panel, at any speed you like. After each step, say aloud "
+    "which of the materials it was: ",
 }
 _TITLES = {"virtual": "virtual stimuli", "real": "real stimuli"}

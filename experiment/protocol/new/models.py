@@ -105,7 +105,7 @@ def files_beside(file: Path, changed: Changes) -> dict[Path, bytes]:
         path = file.with_name(one.file.name)
         if path in made or (path.exists() and path.read_bytes() != one.content):
             name = plain(str(path), keep="")
-            raise PalpateError(name, "got a file that exists", "name another", allowed="a new file")
+            raise PalpateError(name, "this file already exists", "name another", allowed="a new file")
         made |= {} if path.exists() else {path: one.content}
     return made
 
@@ -121,7 +121,8 @@ def copied(source: Path, study_id: str, title: str | None = None, *, changed: Ch
     known = files.load(source)
     if study_id == known.study.id:
         raise PalpateError(
-            f"got the id {quoted(study_id)}", allowed=f"another than that of {plain(str(source), keep='')}"
+            f"got the id {quoted(study_id)}",
+            allowed=f"an id that differs from the one in {plain(str(source), keep='')}",
         )
     document = tomlkit.parse(storage.read_text(source).removeprefix("\ufeff"))
     document["study"]["id"] = study_id
@@ -152,7 +153,7 @@ def _vary(document: Any, changed: Changes) -> None:
     factors = {str(one["id"]): one for one in document.get("factors", ())}
     for name, numbers in changed.values.items():
         if name not in factors:
-            known = ", ".join(factors) or "none: the study has no factors"
+            known = ", ".join(factors) or "none (this study has no factors)"
             raise PalpateError(f"got --factor {quoted(name)}", allowed=known)
         factors[name]["values"] = list(numbers)
         factors[name].pop("names", None)
@@ -163,7 +164,9 @@ def _present(document: Any, changed: Changes) -> None:
     recorded = changed.recorded
     tables: list[Any] = [one for one in document.values() if isinstance(one, Mapping) and "stimuli" in one]
     if not tables or not all("spoken" in one for one in document.get("materials", [{}])):
-        raise PalpateError("got --recording", allowed="it with --kind presented --design identification")
+        raise PalpateError(
+            "got --recording", allowed="--recording only together with --kind presented --design identification"
+        )
     named = writing.materials([one.file.stem for one in recorded])
     tables[0]["stimuli"] = [
         {
@@ -187,9 +190,9 @@ def _present(document: Any, changed: Changes) -> None:
     ]
     for task in document["tasks"]:
         task["title"] = "Recorded waveforms"
-        task["instruction"] = "After each vibration say which one it was."
-        task["familiarisation"]["instruction"] = "Feel each vibration, and hear its name, until you know them."
+        task["instruction"] = "After each vibration, say which one it was."
+        task["familiarisation"]["instruction"] = "Feel each vibration and hear its name until you know them all."
     for test in document["analysis"]:
-        test["question"] = "Is each waveform named more often than by chance?"
+        test["question"] = "Is each waveform named correctly more often than by chance?"
         if "chance" in test:
             test["chance"] = 1 / len(recorded)

@@ -44,11 +44,11 @@ LEAST_S = 5.0
 """A trial takes a step, a stimulus and an answer that is keyed twice: less time than this is no plan; ours."""
 
 STOPS = (
-    "Software alone keeps all of these limits, and software is no safety function. In hardware, a laboratory limits "
-    "what its amplifier can deliver, and an emergency stop cuts the power. palpate runs nobody on a force device, or "
-    "an actuator that can exceed the limit of vibration, unless its rig file names both and the day on which they were "
-    "tried. The participant stops everything with a pedal, or a key at the screen, within 0.2 s; where a rig has "
-    "neither, by word of mouth alone."
+    "Only software enforces these limits, and software is not a safety function. In hardware, the laboratory limits "
+    "the output of its amplifier, and an emergency stop cuts the power. For a force device, or an actuator that can "
+    "exceed the vibration limit, palpate runs no session unless the rig file describes both safeguards and gives the "
+    "day on which they were tested. The participant can stop everything within 0.2 s with a pedal or a key at the "
+    "screen. On a rig with neither, the participant can only ask to stop."
 )
 """What the board reads below the limits of a protocol that renders something."""
 
@@ -74,7 +74,7 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
     """
     word = state.partition(":")[0]
     until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""
-    known: list[Block] = [Said(f"{state} This was so on {today}."), *([approval_of(seal)] if seal else [])]
+    known: list[Block] = [Said(f"{state} (Status on {today}.)"), *([approval_of(seal)] if seal else [])]
     parts = [
         f"<h1>{rendering.html_text(heading(protocol))}</h1>",
         f'<div class="state">{rendering.html_blocks(known)}</div>',
@@ -86,7 +86,8 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
     ]
     if rig := tuple(rig):
         parts.append(
-            f"<section><h2>Of a rig; no part of the protocol or its seal</h2>{rendering.html_blocks(rig)}</section>"
+            "<section><h2>About the rig (not part of the protocol or its "
+            f"seal)</h2>{rendering.html_blocks(rig)}</section>"
         )
     foot = f"Study {protocol.study.id}, {word}{until}. SHA-256 of the protocol:"
     style = Path(__file__).with_name("page.css").read_text("utf-8")
@@ -148,12 +149,12 @@ def title(protocol: Protocol, file: str) -> Iterator[Block]:
     )
     yield Said(
         "The SHA-256 identifies this version of the protocol. It changes whenever a fact on this page changes, except "
-        "the name of the file, and an approval holds for this version alone.",
+        "the name of the file. An approval covers this version only.",
         indent="  ",
     )
     yield Said(
-        "Text behind a bar or between double quotes is quoted from the file word for word. Everything else on this "
-        "page is written by palpate from the values in the file, and these values hold whatever a text may say.",
+        "Text behind a bar or in double quotes is quoted word for word from the file. palpate writes everything else "
+        "on this page from the values in the file. These values apply, whatever a quoted text may say.",
         indent="  ",
     )
 
@@ -172,96 +173,103 @@ def _ethics(protocol: Protocol) -> Iterator[Block]:
 
 def _participants(protocol: Protocol) -> Iterator[Block]:
     yield Said(
-        f"The study has {count(protocol.study.participants, 'participant')}. Everyone who takes part meets all of "
+        f"The study has {count(protocol.study.participants, 'participant')}. Everyone who takes part must meet all of "
         "these criteria:"
     )
     for criterion in protocol.eligibility.criteria:
         yield Quoted(criterion, item=True)
     if protocol.eligibility.confirmed:
         yield Said(
-            "The experimenter confirms each of them before a participant's first session. That all are met is on "
-            "record; who does not meet one is not run, and which one it was is not recorded."
+            "The experimenter confirms each criterion before a participant's first session, and palpate records that "
+            "all are met. Anyone who fails to meet a criterion does not take part, and the record does not show "
+            "which criterion it was."
         )
     yield Gap()
     if protocol.consent.required:
         yield Said(
-            "Consent is required: no session starts before the participant's consent is on file. Participants consent "
+            "Consent is required: no session starts until the participant's consent is on file. Participants consent "
             "to this statement:"
         )
     else:
         yield Said("This protocol does not require consent. Participants are told:")
     yield Quoted(protocol.consent.statement)
     yield Said(
-        "Whether they are told the whole purpose of the study before it, or only after it, no field of a protocol "
-        "states: it is to be read in its texts, or asked."
+        "No field of a protocol states whether participants learn the full purpose of the study beforehand or only "
+        "afterward. Look for this in the quoted texts, or ask the laboratory."
     )
 
 
 def _recorded(protocol: Protocol) -> Iterator[Block]:
     of_kind = kind_words(protocol.tasks[0]).recorded(protocol)
     yield Said(
-        f"The following is recorded under a number and never under a name: {of_kind}"
-        "what was presented, the level and the dose of the noise, the answer that the "
-        f"{'experimenter keyed' if protocol.answers.mode == 'oral' else 'participant gave'} and when, its corrections, "
-        "keys that were pressed too early, and every pause and "
-        "repetition with its reason. The experimenter can add notes, which are kept with the trial."
+        f"The following is recorded under a number and never under a name: {of_kind}what was presented, the level and "
+        "dose of the noise, the answer that the "
+        f"{'experimenter keyed' if protocol.answers.mode == 'oral' else 'participant gave'} and when, any "
+        "corrections, keys that were pressed too early, and every pause and repetition with its reason. The "
+        "experimenter can add notes, which are stored with the trial."
     )
     if getattr(protocol, "asked", None):
         yield from import_module("palpate.experiment.protocol.asked.words").recorded(protocol)
     yield from _voices(protocol)
     yield from _sharing(protocol)
     if protocol.consent.kept_months is None:
-        yield Said("The protocol does not state how long data are kept.")
+        yield Said("The protocol does not state how long the data are kept.")
     else:
         kept = count(protocol.consent.kept_months, "month")
         yield Said(
-            f"A participant's data are kept for {kept} after their last session. Then they are to be deleted, by hand; "
-            "palpate tells the laboratory when."
+            f"A participant's data are kept for {kept} after their last session. After that, the laboratory must "
+            "delete them by hand; palpate reports when this is due."
         )
     yield Said(
-        "The data of a participant who withdraws are not analysed. They are kept, or deleted if the laboratory asks "
-        "palpate for that. No field of a protocol states which: what participants are told decides."
+        "The data of a participant who withdraws are not analyzed. The laboratory either retains them or has palpate "
+        "delete them. No field of a protocol states which; this depends on what participants were told."
     )
 
 
 def _voices(protocol: Protocol) -> Iterator[Block]:
     if not protocol.answers.microphone:
-        yield Said("No microphone listens, and no voice is recorded.")
+        yield Said("No microphone is used, and no voice is recorded.")
         return
     yield Said(
-        "A microphone listens from the familiarisation on. Recorded of each answer are the time at which the voice "
-        "began, which answer it resembles most, and how much. Before the trials each participant says every answer "
-        "twice, to compare with; what is computed from that, which is no sound, is deleted after the visit."
+        "A microphone is on from the start of the familiarization. For each answer, palpate records when the voice "
+        "began, which answer it resembles most, and how closely. Before the trials, each participant says every "
+        "answer twice, for comparison. From these samples palpate stores only computed features, not the sound, and "
+        "deletes them after the visit."
     )
     if protocol.consent.voice_recordings:
         yield Said(
-            "The sound of each answer is kept if the participant agrees to that; whoever does not agree takes part all "
-            "the same. It is kept apart from what is shared, for the laboratory alone, so that a second person can "
-            "listen to what was said. Whoever takes the agreement back has it deleted."
+            "An audio recording of each answer is stored if the participant agrees; participants who do not agree "
+            "can still take part. The recordings let a second person check the answers. They stay in the laboratory, "
+            "separate from the shared data, and are deleted if the participant withdraws this agreement."
         )
     else:
-        yield Said("No sound is kept.")
+        yield Said("No sound is stored.")
 
 
 def _sharing(protocol: Protocol) -> Iterator[Block]:
     if (sharing := protocol.sharing) is None:
         return
     yield Said(
-        "Data of participants who agree to it are shared outside of the laboratory. Whoever does not agree takes part "
-        "all the same, and an agreement can be taken back until the data are shared. Participants are told:"
+        "The data of participants who agree are shared outside the laboratory. Participants who do not agree can "
+        "still take part. Participants who agree can change their minds until the data are shared. Participants are "
+        "told:"
     )
     yield Quoted(sharing.statement)
     told = "".join(f", {named(one)}" for one in sharing.facts)
     yield Said(
-        "Shared are the tables of trials and the traces of movement, with times from the beginning of each session. Of "
-        f"a person no more is shared than which task came first{told} and which version of this protocol held: in "
-        f"these, every participant is like {count(sharing.smallest_group - 1, 'other')} or more. Voices, days of "
-        "sessions, notes, typed reasons and other free text are not shared."
+        "The shared data are the tables of trials and the movement traces, with times measured from the beginning of "
+        f"each session. The only facts shared about each person are which task came first{told} and which version of "
+        "this protocol applied. On these facts, every participant is identical to at least "
+        f"{count(sharing.smallest_group - 1, 'other')}. Voice recordings, session dates, notes, typed reasons and "
+        "other free text are not shared."
     )
     if sharing.questionnaires:
-        yield Said(f"Shared of questionnaires is all but texts: {', '.join(map(named, sharing.questionnaires))}.")
-    kept = "is kept in the laboratory" if sharing.keep_labels else "is not kept"
-    yield Said(f"Labels are drawn anew, and which label a participant gets {kept}.")
+        yield Said(
+            "Answers to these questionnaires are shared, except free text: "
+            f"{', '.join(map(named, sharing.questionnaires))}."
+        )
+    kept = "stays in the laboratory" if sharing.keep_labels else "is not stored"
+    yield Said(f"Participants are given new random labels. The list that links old and new labels {kept}.")
 
 
 def _procedure(protocol: Protocol) -> Iterator[Block]:
@@ -275,30 +283,30 @@ def _procedure(protocol: Protocol) -> Iterator[Block]:
         yield Said("Participants who do several tasks do them in the order given below (fixed order).")
     else:
         yield Said(
-            "Participants who do several tasks do them in counterbalanced order: every order is given to the same "
-            "number of participants, by permuted blocks, so that the orders stay balanced while participants enrol."
+            "Participants who do several tasks do them in counterbalanced order: permuted blocks give every order to "
+            "the same number of participants and stay balanced as participants enroll."
         )
     if getattr(protocol, "groups", ()):
         yield from import_module("palpate.experiment.protocol.designs.groups").blocks(protocol)
     if len({task.participants for task in tasks}) > 1:
-        yield Said("If a task has fewer participants than the study, those who enrol first do it.")
+        yield Said("If a task has fewer participants than the study, the first participants to enroll do it.")
     yield Said(f"The break between two tasks lasts at least {number(pause_s)} s ({_minutes(pause_s)}).")
     trials = sum(map(protocol.trials, tasks))
     yield Said(
-        f"A participant who does every task has {_most(*tasks)}{trials} trials; familiarisation and breaks take "
+        f"A participant who does every task has {_most(*tasks)}{trials} trials; familiarization and breaks take "
         f"{_minutes(shortest_s)} to {_minutes(longest_s)}."
     )
     felt = sum(map(protocol.felt_trials, tasks))
     if felt > trials:
-        yield Said(f"Before these come at most {count(felt - trials, 'trial')} of training.")
+        yield Said(f"Up to {count(felt - trials, 'training trial')} may come first.")
     if protocol.duration is None:
         yield Said("The protocol does not state how long a visit takes.")
         return
     shortest_min, longest_min = protocol.duration.shortest_min, protocol.duration.longest_min
     each_s = max(longest_min * 60 - shortest_s, 0) / felt
     yield Said(
-        f"A whole visit, all tasks and breaks included, is estimated to take {number(shortest_min)} to "
-        f"{number(longest_min)} min. That leaves up to {each_s:.0f} s for each trial."
+        f"A whole visit, including all tasks and breaks, is estimated to take {number(shortest_min)} to "
+        f"{number(longest_min)} min. This leaves up to {each_s:.0f} s per trial."
     )
 
 
@@ -338,11 +346,11 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             ("Design", task.design),
             ("Stimuli", kind_words(task).sources[task.stimulus]),
             *(
-                (("Materials", f"{', '.join(map(named, task.materials))} alone are presented{others}"),)
+                (("Materials", f"only {', '.join(map(named, task.materials))} are presented{others}"),)
                 if task.materials
                 else ()
             ),
-            ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
+            ("Familiarization", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
             *(("Picture", f"{one.file}, SHA-256 {one.sha256}") for one in task.pictures or ()),
@@ -364,12 +372,13 @@ def _training() -> Any:
 def _control(task: Task) -> Iterator[tuple[str, str | Free]]:
     """Yield what the board reads of a control."""
     if (control := task.control) is not None:
-        yield "Control of", f"{control.of}: the vibration sounds as it does there, and nothing of it reaches the skin"
+        yield "Control for", f"{control.of}: the vibration makes the same sound, but none of it reaches the skin"
         yield "Arrangement", Free(control.arrangement)
         yield (
             "At chance",
-            f"if neither all answers nor those of any participant are right more often, and the mean share is less "
-            f"than {control.margin:g} above chance; this is stated in every report",
+            "if the proportion correct is not significantly above chance, overall or for any participant, and the "
+            f"upper end of its 95 % confidence interval is less than {control.margin:g} above chance; every report "
+            "states the result",
         )
 
 
@@ -383,7 +392,7 @@ def _order(task: Task, presented: str) -> str:
             return "full-random: every order of the trials is equally likely"
         case "blocked-random":
             number_of_blocks = count(task.repetitions, "block")
-            return f"blocked-random: {number_of_blocks}, each with every {presented} once, in random order"
+            return f"blocked-random: {number_of_blocks}, each presenting every {presented} once, in random order"
         case "max-run":
             return (
                 f"max-run: every order in which no material is presented more than {task.order.max_run} times in a row "
@@ -414,13 +423,13 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
     for task in protocol.tasks:
         if task.masker is not None:
             yield Said(f"In task {task.id} the headphones play {task.masker.replace('none', 'no')} noise.")
-    yield Said(f"The {masker.level_set_by} sets the level of the noise so that:")
+    yield Said(f"The {masker.level_set_by} sets the noise to a level that meets this criterion:")
     yield Quoted(masker.criterion)
     if (probe := masker.probe) is not None:
         yield Said(
-            f"While the level is set, the panel vibrates as {named(probe.material)} does under a foot at "
-            f"{number(probe.speed_mm_s)} mm/s whenever a key asks for it, in tasks with virtual stimuli. Each time is "
-            "on record and counts as a stimulus."
+            "In tasks with virtual stimuli, a key can make the panel vibrate while the noise level is set, as "
+            f"{named(probe.material)} does under a foot moving at {number(probe.speed_mm_s)} mm/s. Each of these "
+            "vibrations is recorded and counts as a stimulus."
         )
 
 
@@ -430,12 +439,13 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
     yield facts(
         (
             "Vibration",
-            f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, between samples too, by the measured response "
-            "of the panel with its uncertainty; nobody is run on a panel that moves 3 dB more or less than measured",
+            f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, including between samples, computed from the "
+            "measured response of the panel and its uncertainty; no session runs on a panel whose response has since "
+            "changed by 3 dB or more",
         ),
         *force,
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),
-        ("Dose of noise", "where the rig plays it, at most that of 80 dB(A) for 8 hours in any 24 hours"),
+        ("Dose of noise", "at most the equivalent of 80 dB(A) for 8 hours in any 24 hours, if the rig plays the noise"),
         ("Session", f"at most {number(exposure.session_min)} min for one task"),
     )
     if protocol.renders:
@@ -447,12 +457,12 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
 
 _ANSWERING = {
     "oral": "Participants answer aloud after each trial, and the experimenter presses the key for what they said",
-    "keys": "Participants press one of their own buttons after each trial, once they are asked; a button has the name "
-    "of its key here, and its press counts without confirmation. The experimenter has the other keys, and cannot "
-    "answer for them",
-    "screen": "Participants choose one of the answers on their screen after each trial, by mouse, touch or the digit "
-    "beside it, once they are asked; that counts without confirmation. The experimenter has the other keys, and cannot "
-    "answer for them",
+    "keys": "After each trial, when asked, participants press one of their own buttons. This page names each button "
+    "by its key. A press counts without confirmation. The experimenter has the other keys and cannot answer "
+    "for the participant",
+    "screen": "After each trial, when asked, participants choose one of the answers on their screen by mouse, by "
+    "touch or by typing the digit next to it. The choice counts without confirmation. The experimenter has "
+    "the other keys and cannot answer for the participant",
 }
 
 
@@ -463,32 +473,33 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
         yield Said(asked)
     yield Said(f"Answers are {answers.mode}. {_ANSWERING[answers.mode]}:")
     yield Said(
-        f"{keys}[{answers.no_answer_key}] no answer, [{answers.redo_key}] do the trial again, "
-        f"[{answers.pause_key}] pause.",
+        f"{keys}[{answers.no_answer_key}] no answer, [{answers.redo_key}] repeat the trial, [{answers.pause_key}] "
+        "pause.",
         indent="    ",
     )
-    shown = ", and these answers while they answer" if answers.on_screen or answers.mode == "screen" else ""
-    shown += ", and how many trials are answered" if answers.progress else ""
+    shown = ", the possible answers during each question" if answers.on_screen or answers.mode == "screen" else ""
+    shown += ", and the number of trials done" if answers.progress else ""
     yield Said(
-        f"Where the rig has a screen for the participant, it shows the instructions of this protocol{shown}. It adds "
-        "short sentences, such as when to step, which may stand in the rig file: they are no part of this protocol and "
-        "of its approval. `palpate check` with --rig shows them, and each session keeps its rig file."
+        f"If the rig has a screen for the participant, it shows this protocol's instructions{shown}. palpate adds "
+        "short sentences, such as when to step. The rig file can change these sentences, which are not part of this "
+        "protocol or its approval. `palpate check` with --rig shows them, and each session stores its rig file."
     )
     if answers.microphone:
         yield Said(
-            "Beside the keys the experimenter sees which answer the microphone seems to have heard. The key decides."
+            "Next to the keys, the experimenter sees which answer the microphone appears to have picked up. Only the "
+            "key counts."
         )
     if answers.reveal:
         yield Said(
-            "During a session the experimenter may see the levels of tracks and the answers by material. The session's "
-            "record shows whether and when."
+            "During a session, the experimenter can view the levels of the tracks and the answers by material. The "
+            "session's record shows whether and when this happened."
         )
     yield Said(
-        "A trial whose stimulus may have been felt, and which has no confirmed answer, is repeated at the end of its "
-        "block, whatever the cause: the key, a pause, a rule below, or a fault of the rig. In a task whose order is "
-        f"blocked-random, a block presents each {_noun(protocol)} once; any other "
-        "task is one single block. The experimenter "
-        "can correct an answer until the session ends; the record then holds both, and the reason."
+        "If a stimulus may have been felt but the trial has no confirmed answer, the trial is repeated at the end of "
+        "its block. The reason may be the repeat key, a pause, a rule below, or a fault in the rig. In a "
+        f"blocked-random task, a block presents each {_noun(protocol)} once; any other task is a single block. The "
+        "experimenter can correct an answer until the session ends; the record then shows both answers and the "
+        "reason."
     )
 
 
@@ -503,17 +514,17 @@ def _exclusion(protocol: Protocol) -> Iterator[Block]:
 
 _ACTION = {
     "repeat-trial": "the trial is repeated at the end of its block",
-    "exclude-trial": "the trial is left out",
-    "exclude-participant": "the participant is left out",
+    "exclude-trial": "the trial is excluded",
+    "exclude-participant": "the participant is excluded",
 }
 
 
 _CONDITION = {
-    "frames-lost": "more than {} frames of the tracker are lost or damaged between arming and contact",
+    "frames-lost": "more than {} tracker frames are lost or damaged between arming and contact",
     "speed-below": "the foot moves at less than {} mm/s",
     "speed-above": "the foot moves at more than {} mm/s",
-    "undelivered": "the vibration, as measured, was early, late, changed or missing by the rig's thresholds",
-    "answers-below": "a participant answers fewer than {} trials of a task",
+    "undelivered": "the measured vibration was early, late, distorted or missing, as judged by the rig's thresholds",
+    "answers-below": "a participant answers fewer than {} trials in a task",
     "withdrawn": "a participant withdraws",
 }
 
@@ -530,7 +541,7 @@ def _planned(planned: PlannedTest, name: str) -> str:
     chance = "" if planned.chance is None else f" of {number(round(planned.chance, 6))}"
     asked = "Question:" if planned.form is None else "Form and question:"
     tasks = f"task{'s' if len(planned.tasks) > 1 else ''} {' and '.join(planned.tasks)}"
-    family = "" if planned.correction is None else f"; P adjusted by Holm's method over the {planned.correction}"
+    family = "" if planned.correction is None else f"; P adjusted by Holm's method across the {planned.correction}"
     within = "" if planned.margin is None else f" within {number(planned.margin)}"
     of = f" of {' and '.join(map(named, planned.materials))}" if planned.materials else ""
     by = "" if planned.groups is None else f" by {named(planned.groups)}"
@@ -542,13 +553,15 @@ def _left_empty(protocol: Protocol) -> Iterator[Block]:
     empty = [name for name, value in optional if not value]
     unfilled = sealing.unfilled(protocol)
     if not empty and not unfilled:
-        yield Said("Nothing is left: every field is filled in.")
+        yield Said("Nothing: every field is filled in.")
     if empty:
         yield Said("These fields of the protocol file are empty:")
     for name in empty:
         yield Item(name)
     if unfilled:
-        yield Said(f"These still say {sealing.UNFILLED}, and the protocol can be sealed once none does:")
+        yield Said(
+            f"These fields are still marked {sealing.UNFILLED}. The protocol can be sealed once they are all filled in:"
+        )
     for name in unfilled:
         yield Item(name)
 
@@ -556,9 +569,9 @@ def _left_empty(protocol: Protocol) -> Iterator[Block]:
 def _odd(protocol: Protocol) -> Iterator[Block]:
     found = advice(protocol)
     if found:
-        yield Said("These values are allowed, and may not be what is meant; nothing refuses them:")
+        yield Said("palpate accepts these values, but they may not be what you intended:")
     else:
-        yield Said("palpate finds no value that is allowed and unlikely to be meant.")
+        yield Said("palpate found no unusual values.")
     for one in found:
         yield Item(f"{one.sentence()}.")
 
@@ -574,7 +587,7 @@ def advice(protocol: Protocol) -> tuple[Finding, ...]:
 
 def _unasked_consent(protocol: Protocol) -> Iterator[Finding]:
     if not protocol.consent.required:
-        allowed = "as a rule true: without it a session begins although nobody has agreed on record"
+        allowed = "usually true; otherwise, a session can start without consent on record"
         yield mismatch("consent.required", None, "false", allowed)
 
 
@@ -582,9 +595,7 @@ def _chances(protocol: Protocol) -> Iterator[Finding]:
     count = len(protocol.materials)
     for place, test in enumerate(protocol.analysis):
         if test.chance is not None and abs(test.chance * count - 1) > ROUNDED:
-            allowed = (
-                f"as a rule {1 / count:.4g}: who guesses among {count} materials is right in one of {count} trials"
-            )
+            allowed = f"usually {1 / count:.4g}: a guess among {count} materials is correct in 1 of {count} trials"
             yield mismatch(written(("analysis", place, "chance")), None, f"{test.chance:g}", allowed)
 
 
@@ -592,7 +603,7 @@ def _open_anovas(protocol: Protocol) -> Iterator[Finding]:
     """Give each planned one-way ANOVA that does not name its materials."""
     for place, test in enumerate(protocol.analysis):
         if test.test == "one-way ANOVA" and test.materials is None:
-            allowed = "as a rule the two materials that it compares: without them its table is exploratory"
+            allowed = "usually the two materials that it compares; without them, its table is exploratory"
             yield mismatch(written(("analysis", place, "materials")), None, "none", allowed)
 
 
@@ -609,9 +620,12 @@ def _too_few(protocol: Protocol) -> Iterator[Finding]:
         tests = max(family, 1) if test.correction else 1
         if tests * 2.0 ** (1 - people) > test.alpha:
             least = next(n for n in range(people, people + 99) if tests * 2.0 ** (1 - n) <= test.alpha)
-            told = f"{test.test} of {people} participants, whose least P is {2.0 ** (1 - people):.3g}"
-            told += f", {tests * 2.0 ** (1 - people):.3g} by Holm" if tests > 1 else ""
-            allowed = f"as a rule {least} participants or more: with fewer nothing can be shown at alpha {test.alpha:g}"
+            told = f"{test.test} with {people} participants, whose smallest possible P is {2.0 ** (1 - people):.3g}"
+            told += f", or {tests * 2.0 ** (1 - people):.3g} with Holm's correction" if tests > 1 else ""
+            allowed = (
+                f"usually {least} or more participants: with fewer, no result can be significant at alpha "
+                f"{test.alpha:g}"
+            )
             yield mismatch(written(("analysis", place, "test")), None, told, allowed)
 
 
@@ -625,10 +639,8 @@ def _orders(protocol: Protocol) -> Iterator[Finding]:
         people, orders = last - first, factorial(len(own))
         if people % orders:
             field = next(place for place in own if protocol.tasks[place].participants == last)
-            told = f"{last}, so that {people} do {len(own)} tasks"
-            allowed = (
-                f"as a rule a multiple of {orders} who do them: each of their {orders} orders as often as any other"
-            )
+            told = f"{last}, so {people} participants do {len(own)} tasks"
+            allowed = f"usually a multiple of {orders}, so that all {orders} orders are used equally often"
             yield mismatch(written(("tasks", field, "participants")), None, told, allowed)
 
 
@@ -650,6 +662,6 @@ def _duration(protocol: Protocol) -> Iterator[Finding]:
     besides_s += protocol.task_order.break_min_s * (len(protocol.tasks) - 1)
     least_min = (besides_s + LEAST_S * trials) / 60
     if protocol.duration.longest_min < least_min:
-        taken = f"{trials} trials of {LEAST_S:g} s, familiarisation and breaks"
-        allowed = f"as a rule at least {ceil(least_min)}, which {taken} take"
+        taken = f"{trials} trials of {LEAST_S:g} s, familiarization and breaks"
+        allowed = f"usually at least {ceil(least_min)}, the time needed for {taken}"
         yield mismatch("duration.longest_min", None, f"{protocol.duration.longest_min:g}", allowed)

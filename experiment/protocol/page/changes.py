@@ -40,7 +40,7 @@ def text(old: Protocol, new: Protocol) -> str:
 
 
 def _lines(old: Protocol, new: Protocol) -> Iterator[str]:
-    yield f"Changes of the study {new.study.id}"
+    yield f"Changes to the study {new.study.id}"
     yield "=" * rendering.WIDTH
     yield f"{'old version ' + approval.sha256(old)[:12]:{COLUMN}}  |  new version {approval.sha256(new)[:12]}"
     for field, was, now in changes(old, new):
@@ -55,9 +55,9 @@ def html(old: Protocol, new: Protocol, incidents: Sequence[str] = ()) -> str:
 
     Below the changes stand the `incidents` since the study began, in words.
     """
-    listed = "".join(f"<li>{rendering.html_text(one)}</li>" for one in incidents) or "<li>None is on record.</li>"
+    listed = "".join(f"<li>{rendering.html_text(one)}</li>" for one in incidents) or "<li>None recorded.</li>"
     style = Path(__file__).with_name("page.css").read_text("utf-8")
-    title = rendering.html_text(f"Changes of the study {new.study.id}")
+    title = rendering.html_text(f"Changes to the study {new.study.id}")
     rows = "".join(
         f"<tr><th>{rendering.html_text(field)}</th><td>{rendering.html_text(was)}</td>"
         f"<td>{rendering.html_text(now)}</td></tr>"

@@ -18,7 +18,7 @@ from palpate.experiment.protocol.page import rendering, sections
 from palpate.experiment.protocol.page.words import design_words
 
 OPEN = sealing.UNFILLED
-NOT_READ = "give what `palpate power PROTOCOL --json` printed"
+NOT_READ = "give the output of `palpate power PROTOCOL --json`"
 
 
 def text(protocol: Protocol, file: Path, today: date, power: Path | None = None) -> str:
@@ -56,49 +56,50 @@ def _form(
     return {
         "Study Information": {
             "Title": [Quoted(protocol.study.title)],
-            "Description": [Quoted(protocol.study.source), _open("what the study is for, in a few sentences")],
+            "Description": [Quoted(protocol.study.source), _open("the purpose of the study, in a few sentences")],
             "Hypotheses": [
                 *(Quoted(one.question, item=True) for one in protocol.analysis),
-                _open("which answer to each question you expect, and in which direction"),
+                _open("the answer that you expect to each question, including its direction"),
             ],
         },
         "Design Plan": {
             "Study type": [
                 Said(
-                    "Experiment: within participants, who each do every task that is theirs, with trials in random "
-                    "order. Nothing is assigned between participants but the order of tasks"
-                    f"{' and their group' if getattr(protocol, 'groups', ()) else ''}."
+                    "Within-subjects experiment: each participant does all of their tasks, with trials in random "
+                    "order. The only differences assigned between participants are the order of "
+                    f"tasks{' and their group' if getattr(protocol, 'groups', ()) else ''}."
                 )
             ],
             "Blinding": [
                 Said(
-                    "Participants are not told which material a trial presents. Whoever lays out a real object knows "
-                    "it. The order of a participant's tasks is concealed until their first session; an earlier look is "
-                    "on record."
+                    "Participants are not told which material a trial presents. The person who lays out a real "
+                    "object knows which one it is. The order of a participant's tasks is concealed until their first "
+                    "session; if anyone looks earlier, this is recorded."
                 )
             ],
-            "Is there any additional blinding in this study?": [_open("of whoever analyses, say")],
+            "Is there any additional blinding in this study?": [_open("for example, of the analyst")],
             "Study design": tasks,
             "Randomization": [
                 Said(
-                    "A seed is drawn when the first participant enrols, and its salted hash is on record from then on. "
-                    "Orders of tasks and trials are SHA-256 draws by that seed, the participant and the task."
+                    "A seed is drawn when the first participant enrolls, and its salted hash is recorded from then "
+                    "on. The orders of tasks and trials are derived from this seed, the participant and the task "
+                    "with SHA-256."
                 ),
                 *procedure,
             ],
         },
         "Sampling Plan": {
-            "Existing data": [_open("whether any data exist on the day of registration")],
+            "Existing data": [_open("whether any data already exist on the day of registration")],
             "Explanation of existing data": [_open("if there are any")],
             "Data collection procedures": [*page["Participants and consent"], _open("how participants are recruited")],
             "Sample size": list(_sample(protocol)),
             "Sample size rationale": list(_rationale(power, protocol.study.participants)),
             "Stopping rule": [
                 Said(
-                    f"Data collection ends with {count(protocol.study.participants, 'participant')}. Whoever withdraws "
-                    "before completing can be replaced, in the same order of tasks."
+                    f"Data collection ends with {count(protocol.study.participants, 'participant')}. Participants who "
+                    "withdraw early can be replaced; their replacements have the same order of tasks."
                 ),
-                _open("what ends it earlier; planned looks (`palpate power --looks`), if any"),
+                _open("reasons to stop earlier; planned interim looks (`palpate power --looks`), if any"),
             ],
         },
         "Variables": {
@@ -113,12 +114,15 @@ def _form(
             "Data exclusion": list(page["Exclusion rules"]),
             "Missing data": [
                 Said(
-                    "A trial that may have been felt and has no confirmed answer is repeated. Tests are of the "
-                    "participants with trials in the tasks that they compare; nothing is imputed."
+                    "A trial that may have been felt but has no confirmed answer is repeated. Each test includes the "
+                    "participants who have trials in the tasks that it compares; no data are imputed."
                 )
             ],
             "Exploratory analysis": [
-                Said("Every table that palpate analyse marks as ours, exploratory or descriptive, and no planned one.")
+                Said(
+                    "Every table that `palpate analyse` marks as ours, exploratory or descriptive, but no planned "
+                    "table."
+                )
             ],
         },
         "Other": {"Other": [*page["Limits that protect the participant"], _open("anything else, or nothing")]},
@@ -137,33 +141,38 @@ def _sample(protocol: Protocol) -> Iterator[Block]:
 
 def _rationale(power: Mapping[str, Any] | None, planned: int) -> Iterator[Block]:
     if power is None:
-        yield _open("why so many; --power gives the result of `palpate power PROTOCOL --json`")
+        yield _open("the reason for this number; --power adds the result of `palpate power PROTOCOL --json`")
         return
     yield Said(
-        f"{power['studies']} SIMULATED studies of each size were drawn with seed {power['seed']}, with answers from:"
+        f"For each sample size, {power['studies']} studies were SIMULATED with seed {power['seed']} and answers from:"
     )
     yield Quoted(str(power["model"]))
     found = power["recommended"]
-    enough = "no size that was tried" if found is None else count(found, "participant")
+    enough = "more than the largest size simulated" if found is None else count(found, "participant")
     sizes = {row["participants_planned"] for row in power["needed_rows"]}
-    which = "As planned" if sizes == {planned} else "At the tried size that is nearest to the planned one"
-    yield Said(f"A power of {power['target']:g} in all planned tests that reach it takes {enough}. {which}:")
+    which = "As planned" if sizes == {planned} else "At the simulated size closest to the planned one"
+    yield Said(f"A power of {power['target']:g} in all planned tests that can reach it requires {enough}. {which}:")
     for row in power["needed_rows"]:
-        reached = "no power is defined" if row["power_planned"] is None else f"power {row['power_planned']:.2f}"
-        subject = f"{row['test']} of {named(str(row['of']))}, {row['tasks']}"
+        reached = "power is undefined" if row["power_planned"] is None else f"power {row['power_planned']:.2f}"
+        subject = f"{row['test']}, {named(str(row['of']))}, {row['tasks']}"
         yield Item(f"{subject}: {reached} with {count(row['participants_planned'], 'participant')}.")
 
 
 def _indices(protocol: Protocol) -> Iterator[Block]:
     index = _index(protocol)
-    yield Said(index) if index else _open("what is computed of a participant's answers: a mean or a threshold, say")
+    yield (
+        Said(index) if index else _open("what is computed from a participant's answers, such as a mean or a threshold")
+    )
 
 
 def _transformations(protocol: Protocol) -> Iterator[Block]:
     if _index(protocol):
-        yield Said("Shares of answers of each participant, task and material; no other transformation is planned.")
+        yield Said(
+            "Answers are converted to proportions for each participant, task and material. No other transformation "
+            "is planned."
+        )
     else:
-        yield _open("what is done to answers before they are analysed, logarithms say, or nothing")
+        yield _open("any transformations of the answers before analysis, such as logarithms")
 
 
 def _index(protocol: Protocol) -> str:
@@ -174,7 +183,9 @@ def _index(protocol: Protocol) -> str:
 
 def _criteria(protocol: Protocol) -> Iterator[Block]:
     for one in protocol.analysis:
-        family = "P as the test gives it" if one.correction is None else f"P by Holm's method over the {one.correction}"
+        family = (
+            "unadjusted P" if one.correction is None else (f"P adjusted by Holm's method across the {one.correction}")
+        )
         yield Item(f"{one.test}, {' and '.join(one.tasks)}: alpha {number(one.alpha)}; {family}.")
 
 
@@ -184,10 +195,10 @@ def _power(path: Path, protocol: Protocol) -> Mapping[str, Any]:
         found = storage.json_of(storage.read_bytes(path))
         wanted = {"study", "studies", "seed", "model", "target", "recommended", "needed_rows"}
         if not wanted <= found.keys():
-            raise ValueError("it lacks what power prints")
+            raise ValueError("it is not the output of palpate power")
     except (OSError, ValueError, AttributeError) as error:
-        why = storage.why(error) if isinstance(error, OSError | ValueError) else "no JSON object"
+        why = storage.why(error) if isinstance(error, OSError | ValueError) else "not a JSON object"
         raise ProtocolError(path, f"cannot be read ({why})", NOT_READ) from error
     if found["study"] != protocol.study.id:
-        raise ProtocolError(path, f"is of the study {found['study']}", NOT_READ, allowed=protocol.study.id)
+        raise ProtocolError(path, f"is for the study {found['study']}", NOT_READ, allowed=protocol.study.id)
     return dict(found)

@@ -53,7 +53,7 @@ def read(content: bytes) -> tuple[list[Channel], str]:
                 ]
     except (OSError, ValueError, KeyError, RuntimeError, OverflowError) as error:
         raise RecordingError(
-            f"got a damaged file of {NAME} ({error})", remedy="export it again", allowed="a whole one"
+            f"the {NAME} file is damaged ({error})", remedy="export it again", allowed="an undamaged file"
         ) from error
     return found, ""
 
@@ -66,8 +66,8 @@ def _scaled(name: str, one: Any) -> Any:
     other = next((key for key in one.attrs if key.lower() in SCALES), None)
     if other is not None:
         raise RecordingError(
-            f"got {name} with the attribute {other!r}, which may scale it",
-            remedy="export it in its unit, or name the attributes so",
+            f"got {name} with the attribute {other!r}, which may be a scale factor",
+            remedy="export physical values, or rename the attribute",
             allowed="scale_factor and add_offset",
         )
     factor, offset = (one.attrs.get(key, usual) for key, usual in (("scale_factor", 1), ("add_offset", 0)))

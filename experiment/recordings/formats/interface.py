@@ -74,7 +74,7 @@ def needed(package: str, name: str) -> Any:
         return import_module(package)
     except ImportError as error:
         raise RecordingError(
-            f"got a file of {name}, and {package} is not installed", remedy="install it: pip install 'palpate[files]'"
+            f"got a {name} file, but {package} is not installed", remedy="install it: pip install 'palpate[files]'"
         ) from error
 
 
@@ -82,8 +82,8 @@ def refuse_large(numbers: Iterable[int], name: str) -> None:
     """Refuse a file that would unpack to more than `LARGEST` bytes, as numbers of 8 bytes."""
     if (all_bytes := 8 * sum(numbers)) > LARGEST:
         raise RecordingError(
-            f"got a file of {name} with {all_bytes / 2**20:.0f} MiB of numbers",
-            remedy="export a part of it",
+            f"got a {name} file with {all_bytes / 2**20:.0f} MiB of numbers",
+            remedy="export part of it",
             allowed=f"at most {LARGEST // 2**20} MiB",
         )
 

@@ -58,25 +58,25 @@ def read(content: bytes) -> tuple[list[Channel], str]:
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128], "")
     try:
         if not order:
-            raise ValueError("its header is not whole")
+            raise ValueError("its header is incomplete")
         held = [one for data in _matrices(content, order) for one in _variables(data, order)]
     except (ValueError, KeyError, struct.error, zlib.error) as error:
         raise RecordingError(
-            f"got a damaged file of {NAME} ({error})", remedy="save it again", allowed="a whole one"
+            f"the {NAME} file is damaged ({error})", remedy="save it again", allowed="an undamaged file"
         ) from error
     numbers = [(one.name, one.values) for one in held if one.values is not None]
     if not numbers:
         closed = ", ".join(f"{one.name} ({one.closed})" for one in held) or "nothing"
         raise RecordingError(
-            f"got a file of {NAME} that holds {closed}",
-            remedy="save times and samples as variables of their own",
-            allowed="variables that are numbers",
+            f"got a {NAME} file that contains {closed}",
+            remedy="save times and samples as separate variables",
+            allowed="numeric variables",
         )
     return _channels(held, numbers), ""
 
 
 def _channels(held: list[_Variable], numbers: list[tuple[str, NDArray[np.generic]]]) -> list[Channel]:
-    """Return the channels in variables that are numbers, each with what stands in its structure beside it."""
+    """Return the channels in numeric variables, each with what stands in its structure beside it."""
     texts = {one.name.lower(): one.text.strip() for one in held if one.text}
     units = {_split(one.name)[0]: one.text.strip() for one in held if _split(one.name)[1].lower() in ("unit", "units")}
     steps = {group: step for name, values in numbers for group, own in (_split(name),)
@@ -89,9 +89,9 @@ def _channels(held: list[_Variable], numbers: list[tuple[str, NDArray[np.generic
         group, own = _split(name)
         if values.dtype.kind in "iu" and values.size > 1 and group in scales:
             raise RecordingError(
-                f"got {name} in whole numbers beside {scales[group]!r}, which may scale them",
-                remedy="save it in its unit",
-                allowed="samples as they were measured",
+                f"got {name} as whole numbers with {scales[group]!r}, which may be a scale factor",
+                remedy="save physical values",
+                allowed="samples in physical units",
             )
         unit = units.get(group, "")
         unit = unit if is_clock(own) == bool(unit and time_unit(Heading("", unit))) else ""
@@ -165,7 +165,7 @@ def _fields(parts: Iterator[tuple[int, bytes]], order: str) -> Iterator[tuple[st
     (_, size), (_, names) = (next(parts, (0, b"")) for _ in range(2))
     (length,) = struct.unpack(f"{order}i", size)
     if length < 1:
-        raise ValueError("its structure has no names of fields")
+        raise ValueError("its structure has no field names")
     for at in range(0, len(names), length):
         kind, inner = next(parts, (0, b""))
         if kind == MATRIX and inner:

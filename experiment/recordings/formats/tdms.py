@@ -24,7 +24,7 @@ def read(content: bytes) -> tuple[list[Channel], str]:
         file = tdms.TdmsFile.read(io.BytesIO(content))
     except (ValueError, KeyError, EOFError, OverflowError, NotImplementedError, struct.error) as error:
         raise RecordingError(
-            f"got a damaged file of {NAME} ({error})", remedy="export it again", allowed="a whole one"
+            f"the {NAME} file is damaged ({error})", remedy="export it again", allowed="an undamaged file"
         ) from error
     groups = file.groups()
     found: list[Channel] = []
@@ -40,7 +40,7 @@ def read(content: bytes) -> tuple[list[Channel], str]:
             channels = channels_of(name, np.asarray(one[:]), unit, Step(step_s))
             found += [channel._replace(dimension=dimension) for channel in channels]
     cut = file.file_status.incomplete_final_segment
-    return found, f"got a file of {NAME} that is not finished: its last segment is cut off" if cut else ""
+    return found, f"the {NAME} file is incomplete: its last segment is cut off" if cut else ""
 
 
 FORMAT = Format(NAME, (b"TDSm",), read)

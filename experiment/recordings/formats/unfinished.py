@@ -29,6 +29,6 @@ def completed(content: bytes) -> tuple[bytes, str]:
             struct.pack_into("<I", made, 4, len(made) - 8)
             return bytes(
                 made
-            ), f"got a WAV file that is not finished: its header states no length, {whole} bytes are there"
+            ), f"the WAV file is incomplete: its header does not state a length, and it contains {whole} bytes"
         place += 8 + size + size % 2
     return content, ""

@@ -55,7 +55,7 @@ def chosen(columns: Sequence[Column], asked: str, what: str = "channel") -> int:
     told = [f"{name} ({unit})" if unit and (names.count(name) > 1 or meant.unit) else name for name, unit in headings]
     raise RecordingError(
         f"got {what} {asked!r}",
-        remedy="choose one of them",
+        remedy="choose one of these",
         allowed=f"{', '.join(told)}, or a number from 1 to {len(names)}",
     )
 
@@ -133,11 +133,11 @@ def clock_of(place: int, clocks: Sequence[int], columns: Sequence[Column], state
         for one in (columns[clock] for clock in clocks)
     ]
     raise RecordingError(
-        f"got several columns of times that differ: {', '.join(told)}",
+        f"got several different time columns: {', '.join(told)}",
         remedy=stated.remedy(
-            "state which one counts", "--time-column", str(clocks[0] + 1) if len(set(told)) < len(told) else told[0]
+            "choose one", "--time-column", str(clocks[0] + 1) if len(set(told)) < len(told) else told[0]
         ),
-        allowed="one, or one to the left of the channels that it is of",
+        allowed="one time column, or one to the left of each group of channels",
     )
 
 
@@ -179,18 +179,18 @@ def unit_s(clock: Column, stated: Stated, header_rates_hz: Sequence[float] = ())
         spans = np.diff(clock.values)
     step = float(np.median(spans)) if spans.size else 0.0
     likely = likely_unit(step, float(clock.values[0]))
-    remedy = stated.remedy("state their unit", "--time-unit", likely)
+    remedy = stated.remedy("give their unit", "--time-unit", likely)
     if header_rates_hz:
         keeps = [one for one, s in SECONDS.items() for hz in header_rates_hz if abs(step * s * hz - 1) < AGREES]
-        rate = ("if they count samples, state their rate", "--rate", f"{header_rates_hz[0]:.12g}")
-        remedy = stated.remedy(*(("state their unit", "--time-unit", keeps[0]) if keeps else rate))
+        rate = ("if these numbers count samples, give the rate", "--rate", f"{header_rates_hz[0]:.12g}")
+        remedy = stated.remedy(*(("give their unit", "--time-unit", keeps[0]) if keeps else rate))
     told = f"in {clock.unit!r}" if clock.unit else "without a unit"
     if BESIDE in clock.unit:
-        told = f"in {clock.unit.replace(BESIDE, ' by their heading and ')} below it"
+        told = f"in {clock.unit.replace(BESIDE, ' in the heading and ')} below it"
     raise RecordingError(
-        f"got times {told} in {clock.name!r}" if stated.time_unit is None else f"got the unit {unit!r} of time",
+        f"got times {told} in {clock.name!r}" if stated.time_unit is None else f"got the time unit {unit!r}",
         remedy=remedy,
-        allowed=f"a unit in the heading, or one that is stated: {', '.join(SECONDS)}",
+        allowed=f"a unit in the heading, or given as an option: {', '.join(SECONDS)}",
     )
 
 
@@ -213,8 +213,8 @@ def differs(clock: Column | None, stated: Stated) -> str:
     steps_s = [step_s(clock, replace(stated, time_unit=one)) for one in ([unit] if unit else SECONDS)]
     if any(abs(step * rate_hz - 1) < AGREES for step in steps_s):
         return ""
-    mean = f"is {steps_s[0]:g} s" if unit else "does not fit in any unit"
-    return f"got --rate {rate_hz:g} beside times in {clock.name!r}, whose mean step {mean}"
+    mean = f"is {steps_s[0]:g} s" if unit else "fits no unit"
+    return f"got --rate {rate_hz:g}, but the mean time step in {clock.name!r} {mean}"
 
 
 def counts(signal: Column) -> bool:
@@ -282,17 +282,19 @@ def _look_like_times(first: Column, stated: Stated, rate: str) -> None:
     if first.name.lower() not in _SAYS_NOTHING or first.unit:
         what = f"{first.name!r}"
     elif not np.all(steps > 0):
-        what = "values that do not rise"
+        what = "values that do not increase"
     elif by_one(first.values):
         what = COUNTER
     if what:
-        words = "write a heading such as 'time (s), acceleration (g)', or state their rate"
+        words = "write a heading such as 'time (s), acceleration (g)', or give the rate"
         options = ("--time-column", "1", "--time-unit", likely_unit(1.0, float(first.values[0])))
         times = what == COUNTER and rate == "HZ" and first.values.dtype.kind not in "iu"
-        remedy = ("if it holds the times, state it", *options) if times else (words, "--rate", rate)
+        remedy = (
+            ("if this column contains the times, say so with options", *options) if times else (words, "--rate", rate)
+        )
         raise RecordingError(
-            f"got {what} in the first column and no column named time",
+            f"got {what} in the first column, and no column named time",
             remedy=stated.remedy(*remedy),
-            allowed="a column of times, or a rate that is stated",
+            allowed="a time column, or a rate given as an option",
             line=first.lines[0],
         )

@@ -29,9 +29,7 @@ def remedy_of(cell: str, otherwise: str) -> str:
     """Return what to do about a cell that is no number."""
     hexadecimal = _HEXADECIMAL.fullmatch(cell.strip()) and re.search("[0-9]", cell)
     return (
-        "if it is hexadecimal, have all printed in decimal numbers, or with 0x before each"
-        if hexadecimal
-        else otherwise
+        "if these numbers are hexadecimal, export decimal numbers, or put 0x before each" if hexadecimal else otherwise
     )
 
 

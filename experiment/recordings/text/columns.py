@@ -267,7 +267,9 @@ def _cut(text: str, shape: Shape, decimal: str) -> str:
     last = [line.rstrip() for line in text[-TAIL:].splitlines()[1:]][-LAST_ROWS:]
     decimals = [len(line.rpartition(shape.delimiter or " ")[2].strip('" ').partition(decimal)[2]) for line in last]
     fixed = len(decimals) == LAST_ROWS and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]
-    return f"the last row has no line end, and {decimals[-1]} decimals where others have {decimals[0]}" if fixed else ""
+    return (
+        f"the last row has no line ending and {decimals[-1]} decimals, but others have {decimals[0]}" if fixed else ""
+    )
 
 
 def _slow(
@@ -294,9 +296,7 @@ def _slow(
             elif not isfinite(value) and not is_missing(bare):
                 raise RecordingError(
                     f"got {bare[:40]!r} in column '{name_above(head, shape, place)}'",
-                    remedy=remedy_of(
-                        bare, "correct the line, or keep the rows above or below it in a file of their own"
-                    ),
+                    remedy=remedy_of(bare, "correct the line, or put the rows above or below it in a separate file"),
                     allowed="a number in every row",
                     line=record.line,
                 )

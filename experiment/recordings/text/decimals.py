@@ -27,7 +27,7 @@ _WHOLE = re.compile(r" *[+-]?[0-9]+ *")
 
 _ZEROS = re.compile(r"0[0-9]")
 
-_NOT_CLEAR = "export it with semicolons between cells, or, if all are whole, state it"
+_NOT_CLEAR = "export it with semicolons between cells, or, if all are whole, add the option"
 
 
 def decimal_points(
@@ -51,11 +51,11 @@ def decimal_points(
     decimals = paired and _like_decimals([row[1::2] for row in rows], untimed=untimed)
     if not (stated.decimal or timed or half or decimals):
         return None
-    words, sign = ("if so, state it", ",") if paired else (_NOT_CLEAR, ".")
+    words, sign = ("if they are decimals, add the option", ",") if paired else (_NOT_CLEAR, ".")
     raise RecordingError(
-        f"got {shape.width} whole numbers{f' below {named} names' if named else ''}, as if some were decimals",
+        f"got {shape.width} whole numbers{f' below {named} names' if named else ''}, perhaps decimals split at commas",
         remedy=stated.remedy(words, "--decimal", sign),
-        allowed="decimal points, another sign than commas between cells, or --decimal . if all are whole",
+        allowed="decimal points, a cell separator other than the comma, or --decimal . if all are whole",
         line=begins.line,
     )
 

@@ -225,12 +225,12 @@ def refuse_dropped(
     cells = _names_in(raw, shape)
     if not cells:
         return
-    words = "correct the line in a copy, or leave names aside: state the number of the column of times, and its unit"
+    words = "correct the line in a copy, or ignore names and give the number and unit of the time column"
     clock = next((place for place, cell in enumerate(cells) if is_clock(heading(cell).name)), 0)
     unit = time_unit(heading(cells[clock])) or likely_unit(float(np.median(np.diff(values[0]))), float(values[0][0]))
     options: tuple[str, ...] = ("--time-column", "1", "--time-unit", unit)
     if values[0].dtype.kind in "iu" and not any(is_clock(heading(cell).name) for cell in cells):
-        words = "correct the line in a copy, or leave names aside: state the rate"
+        words = "correct the line in a copy, or ignore names and give the rate"
         options = ("--rate", rate_in("".join(above for _, above in head)))
     raise RecordingError(
         f"got {len(cells)} names above rows of {shape.width} numbers",

@@ -82,13 +82,13 @@ def _header(lines: list[str]) -> tuple[str, str, int]:
                 raise RecordingError(
                     f"got Separator {named!r} with Decimal_Separator {decimal!r}",
                     remedy="export the measurement again",
-                    allowed="Tab or Comma, with '.' or, after Tab, ','",
+                    allowed="Tab with '.' or ',', or Comma with '.'",
                 )
             return separator, decimal, place
         # `Decimal_Separator<Tab>,` holds the other separator as its value; `Separator,Comma` may be followed by commas.
         tags[tag.strip()] = value.strip() if value.strip() == "," else value.strip("\t, ")
     raise RecordingError(
-        "got a LabVIEW header without its end", remedy="export it again", allowed="a line ***End_of_Header***"
+        "got a LabVIEW header without its last line", remedy="export it again", allowed="a line ***End_of_Header***"
     )
 
 
@@ -120,8 +120,8 @@ def _segments(lines: list[str], header: int, separator: str, decimal: str) -> li
             current.tags[cells[0]] = cells
     if not in_rows and header_at:
         raise RecordingError(
-            "got a segment's header without rows",
-            remedy="remove the lines from there on",
+            "got a segment header without rows",
+            remedy="remove the lines from here on",
             allowed="a line that begins with X_Value and rows below it",
             line=header_at,
         )

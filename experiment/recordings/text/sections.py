@@ -89,7 +89,7 @@ def section_of(text: str, delimiter: str, first: int, stated: Stated) -> tuple[s
         told = ", ".join(f"{at} {one.name!r} from line {one.line}" for at, one in enumerate(found, start=1))
         one = names[0] if names.count(names[0]) == 1 else "1"
         raise RecordingError(
-            f"got {len(found)} sections, each with headings of its own" if asked is None else f"got section {asked!r}",
+            f"got {len(found)} sections with separate headings" if asked is None else f"got section {asked!r}",
             remedy=stated.remedy("choose one", "--section", one),
             allowed=f"one of {told}, by name or number",
         )

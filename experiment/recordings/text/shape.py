@@ -63,9 +63,9 @@ class RowLines:
 
 def unreadable() -> RecordingError:
     return RecordingError(
-        "got no line of two or more numbers",
-        remedy="name another file",
-        allowed="WAV, LabVIEW .lvm, or text columns with a column of times",
+        "got no line with two or more numbers",
+        remedy="give another file",
+        allowed="WAV, LabVIEW .lvm, or text columns with a time column",
     )
 
 
@@ -90,8 +90,10 @@ def shape_of(text: str, stated: Stated) -> Shape:
             break
     shape = max(shapes, key=lambda one: (one.rows, one.width > 1))
     if shape.rows > 1 and shape.width == 1 and stated.rate_hz is None:
-        remedy = stated.remedy("state its rate", "--rate", rate_in(text[:TAIL]))
-        raise RecordingError("got one column and no times", remedy=remedy, allowed="times, or a rate that is stated")
+        remedy = stated.remedy("give its rate", "--rate", rate_in(text[:TAIL]))
+        raise RecordingError(
+            "got one column without times", remedy=remedy, allowed="times, or a rate given as an option"
+        )
     return shape
 
 
@@ -142,7 +144,7 @@ def _refuse_unclear_step(names: Record, numbers: Record) -> None:
     """Refuse numbers right above the rows and below an increment, unless it is a column's name beside that of times."""
     if not any(is_clock(heading(cell).name) for cell in names.cells):
         raise RecordingError(
-            "got numbers below an increment, right above the rows",
+            "got numbers between an increment and the rows",
             remedy="write the name of each column above the rows, or remove the line",
             allowed="names between an increment and the rows",
             line=numbers.line,
@@ -162,8 +164,8 @@ def refuse_statistics(text: str, begins: Record, shape: Shape) -> None:
         for cell, first in zip(record.cells, (*begins.cells, *[""] * len(record.cells)), strict=False):
             if STATISTIC.fullmatch(cell.strip().lower()) and (is_number(first) or not first.strip()):
                 raise RecordingError(
-                    f"got a row called {cell.strip()!r} below the samples, as if it summed them up",
-                    remedy="keep the rows above it in a file of their own",
+                    f"got a row called {cell.strip()!r} below the samples, probably a summary",
+                    remedy="put the rows above it in a separate file",
                     allowed="rows of samples",
                     line=record.line,
                 )

@@ -52,9 +52,9 @@ def refuse_hexadecimals(text: str) -> None:
     """Refuse numbers such as 0xFFFE, which may be negative."""
     if found := _HEXADECIMAL.search(text):
         raise RecordingError(
-            f"got {found[0].strip()[:40]!r}, and others of which nothing says whether they may be negative",
-            remedy="have decimal numbers printed",
-            allowed="hexadecimal numbers without the first bit of 8, 16 or 32",
+            f"got hexadecimal numbers such as {found[0].strip()[:40]!r}, which may or may not be signed",
+            remedy="export decimal numbers",
+            allowed="hexadecimal numbers whose first bit is not set",
             line=text.count("\n", 0, found.start()) + 1,
         )
 
@@ -87,8 +87,8 @@ def _refuse_labels(text: str, delimiter: str) -> None:
     edges = (_number(cell) for line in lines for cell in line.split(delimiter)[:2])
     if all(before <= after for before, after in pairwise(edges)):
         raise RecordingError(
-            f"got {len(lines)} labels with the times at which each begins and ends",
-            remedy="name the recording itself",
+            f"got {len(lines)} labels with start and end times",
+            remedy="give the recording itself",
             allowed="samples of a recording",
         )
 

@@ -19,24 +19,24 @@ def _one(interval: Interval) -> str:
     said = said.removesuffix("; delivery was not measured")
     off = "no onset was measured"
     if heard.onset_error_ms is not None:
-        off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
+        off = f"the onset was {heard.onset_error_ms:+.3f} ms off the requested time"
     return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
 
 
 def _presented(entry: Presentation) -> str:
     by = "the clock" if entry.set_off == "clock" else f"the {entry.set_off}"
-    return f"{entry.label}: set off by {by}; {_shown(entry.intervals)}"
+    return f"{entry.label}: started by {by}; {_shown(entry.intervals)}"
 
 
 def _cut_short(entry: CutShort) -> str:
-    again = "put off to the end of the block" if entry.put_off else "made ready again"
+    again = "postponed to the end of the block" if entry.put_off else "prepared again"
     felt = f"; {_shown(entry.intervals)}" if entry.intervals else ""
-    return f"{entry.label}: cut short, {again}: {entry.reason}{felt}"
+    return f"{entry.label}: interrupted, {again}: {entry.reason}{felt}"
 
 
 def _sample(entry: Sample) -> str:
     at = "" if entry.level == 1.0 else f", at level {entry.level:g}"
-    return f"familiarisation{at}: {_shown((entry.interval,))}"
+    return f"familiarization{at}: {_shown((entry.interval,))}"
 
 
 LINES: Lines = {Presentation: _presented, CutShort: _cut_short, Sample: _sample}

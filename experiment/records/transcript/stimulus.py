@@ -10,22 +10,18 @@ def played_line(stimulus: Stimulus | None, onset: Onset | None) -> str:
         return "no stimulus"
     said = f"a stimulus was played, with a peak of at most {stimulus.reached_peak_m_s2:.3g} m/s^2"
     if stimulus.handed_unit == "V":
-        said += f" at the panel for {stimulus.handed_peak:.3g} V"
-    limits = (("its volts", stimulus.shaping), ("the measured panel", stimulus.moved))
-    said += "".join(
-        f", taken down to {of.scale:.1%} as a whole by the limit of {what}"
-        for what, of in limits
-        if of and of.scale < 1
-    )
-    said += f", with {stimulus.limited} samples cut" if stimulus.limited else ""
+        said += f" at the panel, driven by {stimulus.handed_peak:.3g} V"
+    limits = (("its voltage", stimulus.shaping), ("the measured panel", stimulus.moved))
+    said += "".join(f", scaled to {of.scale:.1%} by the limit on {what}" for what, of in limits if of and of.scale < 1)
+    said += f", with {stimulus.limited} samples clipped" if stimulus.limited else ""
     if stimulus.computed.left_out is not None:
-        said += f", off by {stimulus.computed.relative_error:.2%} (rms) with {stimulus.computed.left_out:.2%} left out"
+        said += f", rms error {stimulus.computed.relative_error:.2%} ({stimulus.computed.left_out:.2%} left out)"
     if stimulus.extrapolated:
-        said += ", at a speed beyond those recorded"
+        said += ", at a speed outside the recorded range"
     if (heard := stimulus.heard) is not None and heard.peak_m_s2 is not None:
-        found = "" if heard.delay_ms is None else f", the stimulus {heard.delay_ms:+.1f} ms after it was due"
-        said += f"; the accelerometer heard a peak of {heard.peak_m_s2:.3g} m/s^2{found}"
-        said += "".join(f", and lost {lasts:g} ms of samples {at:+g} ms after that" for at, lasts in heard.lost_ms)
+        found = "" if heard.delay_ms is None else f", with the stimulus {heard.delay_ms:+.1f} ms from when it was due"
+        said += f"; the accelerometer measured a peak of {heard.peak_m_s2:.3g} m/s^2{found}"
+        said += "".join(f", and lost {lasts:g} ms of samples, {at:+g} ms from that time" for at, lasts in heard.lost_ms)
     return said if onset and onset.delivered else f"{said}; delivery was not measured"
 
 
@@ -35,9 +31,9 @@ def onset_line(onset: Onset | None) -> str:
         return ""
     said = ""
     if onset.prediction_error_ms is not None:
-        said += f"; the contact was predicted {onset.prediction_error_ms:+.2f} ms off"
+        said += f"; the predicted contact was {onset.prediction_error_ms:+.2f} ms off"
     if onset.ahead_ms is not None:
-        said += f"; the onset was due {onset.ahead_ms:g} ms before it, and {onset.off_ms:+.2f} ms off"
+        said += f"; the onset was due {onset.ahead_ms:g} ms before contact, and was {onset.off_ms:+.2f} ms off"
     if onset.gate_to_scheduled_ms is not None:
         said += f"; the onset was scheduled {onset.gate_to_scheduled_ms:.2f} ms after the gate"
     if onset.delivered is None:
@@ -45,7 +41,7 @@ def onset_line(onset: Onset | None) -> str:
     heard = onset.delivered
     off = "no onset was measured"
     if heard.onset_error_ms is not None:
-        off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
+        off = f"the onset was {heard.onset_error_ms:+.3f} ms off the requested time"
     return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
 
 
@@ -54,5 +50,5 @@ def pressed_line(force: Pressed | None) -> str:
     if force is None:
         return ""
     if force.mean_n is None or force.peak_n is None:
-        return f"; the foot's force is not known: {force.problem}"
-    return f"; the foot pressed with {force.mean_n:.1f} N, {force.peak_n:.1f} N at most"
+        return f"; the foot's force is unknown: {force.problem}"
+    return f"; foot force: mean {force.mean_n:.1f} N, peak {force.peak_n:.1f} N"

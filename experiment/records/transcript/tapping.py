@@ -6,7 +6,7 @@ from palpate.experiment.records.transcript.stimulus import onset_line, played_li
 
 
 def _laid_out(entry: PairLaidOut) -> str:
-    return f"{entry.label}: {' and '.join(entry.presented)} are laid out"
+    return f"{entry.label}: {' and '.join(entry.presented)} have been laid out"
 
 
 def _changed(entry: Changed) -> str:
@@ -22,7 +22,7 @@ def _tapped(entry: Tapped) -> str:
 
 
 def _pushed(entry: Pushed) -> str:
-    return f"the force of {entry.cycles} cycles of the servo is on record, and {entry.lost} are lost"
+    return f"the force was recorded for {entry.cycles} servo cycles and lost for {entry.lost}"
 
 
 LINES: Lines = {PairLaidOut: _laid_out, Changed: _changed, Tapped: _tapped, Pushed: _pushed}

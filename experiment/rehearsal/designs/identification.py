@@ -16,7 +16,7 @@ def judge(protocol: Protocol, percepts: Sequence[Percept], rng: np.random.Genera
     """
     (felt,), names = percepts, protocol.materials
     if felt.alike is None:
-        raise SessionError("identification", "got a stimulus that is compared with no material", "give its `alike`")
+        raise SessionError("identification", "got a stimulus that is not compared with any material", "set its `alike`")
     if not felt.alike.size:
         named = names[int(rng.integers(len(names)))]
     else:

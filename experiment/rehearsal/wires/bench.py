@@ -74,7 +74,7 @@ class Bench:
 def bench(rig: Rig, moving: MovingPanel | None, *, seed: int) -> Iterator[Devices]:
     """Yield the bench of a simulated rig with a server for its panel. Raises `RigError` for another actuator."""
     if rig.actuator.driver != "pcm-tcp":
-        remedy = "name a rig whose actuator.driver is 'pcm-tcp'"
+        remedy = "use a rig whose actuator.driver is 'pcm-tcp'"
         raise RigError(f"rig '{rig.rig.name}'", "its panel is a channel of a simulated sound card", remedy)
     clock = ManualClock(0)
     sensor = Sensor(accelerometers.settings_of(rig), clock)

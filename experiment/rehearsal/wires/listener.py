@@ -62,7 +62,7 @@ class Tap:
     def _failed(self, why: str) -> AudioError:
         self.listener.kill()
         said = f" ({why.strip()})" if why.strip() else ""
-        return AudioError("simulated sound card", f"its listener has ended{said}", "start again")
+        return AudioError("simulated sound card", f"its listener has stopped{said}", "start again")
 
 
 class Kept:

@@ -56,7 +56,8 @@ class Mouth:
         if told != _SPEAKING:
             self._process.kill()
             raise AudioError(
-                "simulated sound card", f"its mouth does not speak ({told.decode('utf-8', 'replace')[:200]})"
+                "simulated sound card",
+                f"its simulated voice cannot be played ({told.decode('utf-8', 'replace')[:200]})",
             )
 
     def say(self, samples: Samples) -> None:

@@ -59,11 +59,13 @@ class SoundCard:
         every client, so that no sample is lost. Raises `AudioError` without JACK or a start.
         """
         if sys.platform == "win32":
-            raise AudioError("simulated sound card", "got Windows", "name a rig without one", allowed="Linux or macOS")
+            raise AudioError(
+                "simulated sound card", "got Windows", "use a rig without an audio device", allowed="Linux or macOS"
+            )
         program = shutil.which("jackd")
         if program is None:
             raise AudioError(
-                "simulated sound card", "got no jackd", "install the system's package jackd2", allowed="JACK 2"
+                "simulated sound card", "got no jackd", "install the system package jackd2", allowed="JACK 2"
             )
         self._jack = _jack()
         self._before = {name: os.environ.get(name) for name in (*_VARIABLES, _SERVER)}
@@ -119,7 +121,7 @@ class SoundCard:
 
     def _started(self, before: list[str], after: list[str]) -> Any:
         """Start a server under the first name that is free, and return a client of it."""
-        said = f"{PLACES} run already"
+        said = f"{PLACES} are already running"
         for number in range(PLACES):
             name = f"palpate-{number}"
             place = FileLock(Path(tempfile.gettempdir()) / f"palpate-jack-{os.getuid()}-{number}.lock", timeout=0)
@@ -145,7 +147,9 @@ class SoundCard:
                 return client
             said = " ".join(log.read_text("utf-8", "replace").strip().splitlines()[-1:])
         raise AudioError(
-            "simulated sound card", f"JACK did not start ({said})", "check that jackd runs here, then start again"
+            "simulated sound card",
+            f"JACK did not start ({said})",
+            "check that jackd runs on this computer, then start again",
         )
 
     def _client(self) -> Any:
@@ -173,7 +177,7 @@ class SoundCard:
             raise AudioError(
                 "simulated sound card",
                 f"got channel {channel} ({kind})",
-                "open the stream first, and with as many channels as are wired",
+                "first open the stream with as many channels as are connected",
                 allowed=f"1 to {len(ports)}",
             )
         return ports[channel - 1]
@@ -209,8 +213,8 @@ def _jack() -> ModuleType:
     except (ImportError, OSError) as error:
         raise AudioError(
             "simulated sound card",
-            f"JACK-Client cannot be used ({error})",
-            "install palpate[lab], and JACK 2 (the system's package jackd2)",
+            f"the JACK-Client package does not work ({error})",
+            "install palpate[lab] and JACK 2 (system package jackd2)",
         ) from error
     # The library's messages would stand between the experimenter's lines.
     with suppress(AttributeError):
@@ -253,7 +257,7 @@ class WiredCard:
         """Return the mouth before the rig's microphone, in a room that is heard from now on. Raises `AudioError`."""
         headphones, microphone = self._channels.headphones[0], self._channels.microphone
         if microphone is None:
-            raise AudioError("simulated sound card", "got no audio.channels.microphone", "name it", allowed="an input")
+            raise AudioError("simulated sound card", "got no audio.channels.microphone", "add it", allowed="an input")
         from palpate.experiment.rehearsal.wires.mouth import leak
 
         mouth = self.card.mouth(headphones, microphone, leak(rate_hz=self._rate_hz))

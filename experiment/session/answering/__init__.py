@@ -15,9 +15,9 @@ def check_lines(protocol: Protocol) -> None:
     """Raise `SessionError` for a session on lines of text in which participants have keys of their own."""
     if protocol.answers.mode != "oral":
         raise SessionError(
-            f"got lines of text for a study with answers.mode = '{protocol.answers.mode}'",
+            f"got --lines, but the study has answers.mode = '{protocol.answers.mode}'",
             remedy="run it in a terminal, without --lines",
-            allowed="a console, because one terminal cannot tell two people apart",
+            allowed="a console, because one terminal cannot serve two people",
         )
 
 
@@ -35,8 +35,8 @@ def check(protocol: Protocol, rig: Rig) -> None:
         if lacking := sorted(set(keys) - set(buttons.names)):
             raise RigError(
                 f"rig '{rig.rig.name}'",
-                f"its buttons.names lack {' '.join(lacking)}",
-                "name the buttons as the protocol's answers are keyed",
+                f"{' '.join(lacking)} missing from its buttons.names",
+                "name the buttons after the keys of the protocol's answers",
                 allowed=f"all of {' '.join(dict.fromkeys(keys))}",
             )
 

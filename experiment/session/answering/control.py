@@ -14,14 +14,13 @@ def confirm(protocol: Protocol, task: Task, console: Console, log: Log) -> None:
     if task.stimulus != "virtual":
         return
     if (control := task.control) is not None:
-        told = (
-            f"Task {task.id} is a control: nothing of the vibration may reach the skin. {control.arrangement.strip()}"
-        )
+        told = f"Task {task.id} is a control: no vibration may reach the skin. {control.arrangement.strip()}"
     else:
         others = [one for one in protocol.tasks if one.control is not None and one.control.of == task.id]
         if not others:
             return
-        told = f"Task {task.id} is not a control: the arrangement for {', '.join(one.id for one in others)} is removed."
-    if console.ask(Agree(f"{told} Is this so?", "yes, it is so", "no, pause")).key != YES:
-        raise PauseAsked("what a control needs is not as it should be")
+        removed = f"the arrangement for {', '.join(one.id for one in others)} has been removed"
+        told = f"Task {task.id} is not a control: {removed}."
+    if console.ask(Agree(f"{told} Is this correct?", "yes, it is", "no, pause")).key != YES:
+        raise PauseAsked("the arrangement for the control is not in place")
     log.write(Note(trial=None, text=f"The experimenter confirmed: {' '.join(told.split())}"))

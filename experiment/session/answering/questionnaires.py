@@ -24,9 +24,9 @@ def ask(protocol: Protocol, task_id: str, when: Literal["before", "after"], cons
 
 def _answer(questionnaire: Questionnaire, item: Item, console: Console) -> str | int | float | None:
     listed = "".join(f" {number} {value}." for number, value in enumerate(item.values, start=1))
-    allowed = "the number of one, or its words" if item.values else item.allowed
-    no_names = " Name no person." if item.answer == "text" else ""
-    text = f"{questionnaire.title}: {item.question}{listed} Allowed: {allowed}; nothing for no answer.{no_names}"
+    allowed = "the number or the text of one of these" if item.values else item.allowed
+    no_names = " Do not name anyone." if item.answer == "text" else ""
+    text = f"{questionnaire.title}: {item.question}{listed} Allowed: {allowed}; leave it blank for no answer.{no_names}"
     while True:
         typed = console.ask(Report(text)).text
         try:

@@ -126,7 +126,7 @@ class Training(Log):
         planned = self.done.remaining[0]
         if planned.trial != self._announced:
             self._announced = planned.trial
-            told = f"Training, trial {planned.trial} of at most {self._planned.trials}: it counts for nothing."
+            told = f"Training, trial {planned.trial} of at most {self._planned.trials} (does not count)."
             self._console.tell(Notice(told))
         return planned
 

@@ -85,13 +85,13 @@ class Tracks:
                 expected = next(self.upcoming(done), None)
                 if not self._follows(entry, expected, done):
                     allowed = "nothing" if expected is None else _described(expected)
-                    what = f"has {_described(entry)}, which does not follow from the answers before"
+                    what = f"has {_described(entry)}, which does not follow from the earlier answers"
                     yield Finding(what, path, line=line, allowed=allowed, remedy=RESTORE)
                     return
             if isinstance(entry, LevelChosen):
                 chosen = entry.trial, entry.attempt
             if isinstance(entry, Armed) and chosen != (entry.trial, entry.attempt) and entry.trial not in catches:
-                yield Finding(f"has {entry.label} without a level on record", path, line=line, remedy=RESTORE)
+                yield Finding(f"has {entry.label} without a recorded level", path, line=line, remedy=RESTORE)
                 return
             if isinstance(entry, Footer) and entry.reason == "complete" and (left := next(self.upcoming(done), None)):
                 yield Finding(f"ends without {_described(left)}", path, line=line, remedy=RESTORE)

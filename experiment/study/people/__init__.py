@@ -62,9 +62,9 @@ def folder() -> Path:
         return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "palpate"
     except RuntimeError as error:
         raise RosterError(
-            "the file of names has no place, for nobody's home folder is known here",
-            remedy="set one of them",
-            allowed="HOME or XDG_DATA_HOME names a folder",
+            "there is no home folder for the file of names",
+            remedy="set one of these variables",
+            allowed="a folder in HOME or XDG_DATA_HOME",
         ) from error
 
 
@@ -86,10 +86,8 @@ def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
     try:
         return dict(File.model_validate(storage.json_of(storage.read_bytes(path))).people)
     except (OSError, ValueError) as error:
-        told = "it is not as palpate writes it" if isinstance(error, ValidationError) else str(error)
-        raise RosterError(
-            path, f"the people of this study cannot be read: {told}", "put a backup in its place"
-        ) from error
+        told = "it was not written by palpate" if isinstance(error, ValidationError) else str(error)
+        raise RosterError(path, f"the file of names cannot be read: {told}", "restore it from a backup") from error
 
 
 def has_name(text: str, names: Iterable[str]) -> bool:
@@ -102,11 +100,11 @@ def has_name(text: str, names: Iterable[str]) -> bool:
 def check_reason(reason: str, names: Iterable[str]) -> None:
     """Raise `RosterError`, without the reason, if it has one of these `names` or an English word for health."""
     found = HEALTH.search(reason)
-    told = f"a word that tells of health, {quoted(found[0])}" if found else "the name of a participant"
+    told = f"a word about health, {quoted(found[0])}" if found else "the name of a participant"
     if found or has_name(reason, names):
         raise RosterError(
             "--reason",
             f"got {told}",
-            "it stays on record for ever, so say it in other words",
-            allowed="one line that names no person and no state of health, such as 'asked to stop'",
+            "the record is permanent, so use different words",
+            allowed="one line without names or words about health, such as 'asked to stop'",
         )

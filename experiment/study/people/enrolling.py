@@ -70,7 +70,7 @@ def enrol(
     if participant not in labels(protocol) and takes is None:
         raise stranger(participant, labels(protocol))
     if not path.exists() and any((root / "sourcedata").glob("sub-*")):
-        raise DatasetError(root, "has participants and no roster", f"restore {path} and its head from a backup")
+        raise DatasetError(root, "contains participants but no roster", f"restore {path} and its head from a backup")
     known.check_next(participant)
     check_current(root, protocol, known, ("palpate", "enrol", "--participant", participant))
     with settling(root, protocol_file, protocol, seed, purpose):
@@ -104,7 +104,7 @@ def sharing(protocol_file: Path, participant: str, agreed: bool, *, root: Path |
     """
     protocol = files.load(protocol_file)
     if protocol.sharing is None:
-        raise RosterError(protocol_file, "has no table [sharing]", "this study shares no data, and asks nobody")
+        raise RosterError(protocol_file, "has no [sharing] table", "leave this out: this study shares no data")
     root = study_begun(protocol_file, root)
     check_on_record(root, protocol_file, protocol)
     known = Roster.continued(storage.roster_path(root))

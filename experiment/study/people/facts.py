@@ -42,8 +42,8 @@ def read(protocol: Protocol, given: Mapping[str, str]) -> dict[str, Value | None
     """Return what was given as values. Raises `RosterError` for an unknown id, and for what is not allowed."""
     known = {one.id: one for one in facts(protocol)}
     if unknown := [name for name in given if name not in known]:
-        allowed = ", ".join(known) or "none: this protocol asks nothing"
-        raise RosterError("--fact", f"got {quoted(unknown[0])}", "ask what the board allows", allowed=allowed)
+        allowed = ", ".join(known) or "none: this protocol has no questions about participants"
+        raise RosterError("--fact", f"got {quoted(unknown[0])}", "ask only what the protocol asks", allowed=allowed)
     values: dict[str, Value | None] = {}
     for name, typed in given.items():
         try:
@@ -86,7 +86,7 @@ def _content(path: Path) -> dict[str, Any]:
         found = storage.json_of(storage.read_bytes(path))
         if isinstance(found, dict) and isinstance(found.get("answers"), dict):
             return found
-        why = "it is not as palpate writes it"
+        why = "it was not written by palpate"
     except (OSError, ValueError) as error:
         why = storage.why(error)
     raise DatasetError(path, f"cannot be read ({why})", "restore it from a backup")
@@ -108,7 +108,7 @@ def record(protocol_file: Path, participant: str, given: Mapping[str, str], *, r
     with journal.locked(storage.participant_folder(root, participant), participant):
         roster = Roster.continued(storage.roster_path(root))
         if participant in roster.withdrawn:
-            raise RosterError(f"participant {participant} has withdrawn", remedy="ask nothing more of them")
+            raise RosterError(f"participant {participant} has withdrawn", remedy="ask no more questions")
         # What is not as the roster has it is not taken over: somebody may have edited it.
         if not {one.id for one in facts(protocol)} <= {*typed}:
             for finding in _of_participant(root, roster, participant):
@@ -141,30 +141,32 @@ def findings(root: Path, roster: Roster, known: Container[str]) -> Iterator[Find
         yield from wrong
         if unknown := [] if wrong else [name for name in answers(root, roster, participant) if name not in known]:
             what, path = (
-                f"has answers to {', '.join(unknown)}, which no version asks",
+                f"has answers to {', '.join(unknown)}, which are not asked in any version of the protocol",
                 storage.facts_path(root, participant),
             )
-            yield Finding(what, path, remedy="they are left out of participants.tsv", verdict="warns")
+            yield Finding(what, path, remedy="participants.tsv leaves them out", verdict="warns")
 
 
 def _of_participant(root: Path, roster: Roster, participant: str) -> Iterator[Finding]:
     path, known = storage.facts_path(root, participant), roster.facts.get(participant)
     if participant in roster.withdrawn:
         for left in storage.answers_of(root, participant) if participant not in roster.erased else ():
-            yield Finding(f"participant {participant} withdrew, and this is here", left, remedy="delete the file")
+            yield Finding(
+                f"participant {participant} withdrew, but this file still exists", left, remedy="delete the file"
+            )
         return
     if _on_record(root, roster, participant) is not None:
         return
     latest = storage.protocol_path(root, roster.approved[-1].number if roster.approved else 1)
     given = (str(latest), "-p", participant, "--dataset", str(root))
     again = Remedy(
-        "restore it from a backup, or have all answers given again: {}", ("palpate", "facts", *given), suffices=False
+        "restore it from a backup, or record all answers again: {}", ("palpate", "facts", *given), suffices=False
     )
     try:
         if path.exists() and _content(path):
-            yield Finding("is not the file whose hash the roster has", path, remedy=again)
+            yield Finding("does not match its hash in the roster", path, remedy=again)
         elif known is not None:
-            yield Finding("is missing, and the roster has its hash", path, remedy=again)
+            yield Finding("is missing, although the roster has its hash", path, remedy=again)
     except DatasetError as error:
         yield error.finding
 

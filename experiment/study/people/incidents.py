@@ -48,7 +48,7 @@ def report(
             took_part=took_part,
         )
     except ValidationError as error:
-        what = "got a text of an incident that cannot go on record"
+        what = "the description of the incident cannot be recorded"
         raise RosterError(what, allowed=f"one line of 1 to 400 characters, {VISIBLE}") from error
     check_days(incident.happened_on, informed_on, today)
     roster.append(Incident, **incident.model_dump())
@@ -67,9 +67,9 @@ def inform(root: Path, number: int, informed_on: date) -> Incident:
 def check_days(happened_on: date, informed_on: date | None, today: date) -> None:
     """Raise `RosterError` for an incident of a day to come, or one that the board heard of before it happened."""
     if happened_on > today:
-        raise RosterError(f"got an incident of {happened_on}", allowed=f"up to {today}")
+        raise RosterError(f"got {happened_on} as the day of the incident", allowed=f"up to {today}")
     if informed_on is not None and not happened_on <= informed_on <= today:
-        raise RosterError(f"got a board that was informed on {informed_on}", allowed=f"{happened_on} to {today}")
+        raise RosterError(f"got {informed_on} as the day the board was informed", allowed=f"{happened_on} to {today}")
 
 
 def check_names(text: str, names: Iterable[str]) -> None:
@@ -77,6 +77,6 @@ def check_names(text: str, names: Iterable[str]) -> None:
     if has_name(text, names):
         raise RosterError(
             "got the name of a participant",
-            remedy="it stays on record for ever, so say it in other words",
-            allowed="one line that names no person",
+            remedy="the record is permanent, so use different words",
+            allowed="one line without names",
         )

@@ -45,8 +45,8 @@ def _locked_file(protocol: Protocol, dataset: Path) -> Iterator[Path]:
     inside = [one for one in path.resolve().parents if storage.roster_path(one).exists()]
     if inside:
         raise RosterError(
-            f"{path} lies in the dataset {inside[0]}; names stand in no dataset",
-            remedy="have XDG_DATA_HOME name another folder",
+            f"{path} is inside the dataset {inside[0]}; datasets must not contain names",
+            remedy="set XDG_DATA_HOME to another folder",
         )
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     with storage.locked(path.with_suffix(".lock")):

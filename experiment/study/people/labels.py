@@ -18,17 +18,17 @@ def check_took_part(roster: Roster, root: Path, told: TookPart) -> None:
     for who in (told.participant, told.person):
         roster.check_enrolled(who)
         if who in roster.erased:
-            raise RosterError(f"the data of participant {who} are erased", remedy="nothing is left to correct")
+            raise RosterError(f"the data of participant {who} have been erased", remedy="there is nothing to correct")
     for who in (told.participant, told.person) if told.exchanged else (told.participant,):
         if not storage.journal_path(root, who, told.task).exists():
-            what = f"got no session of task {told.task} under the label {who}"
-            raise RosterError(what, remedy="give the label and the task that the session has, as in its file's name")
+            what = f"there is no session for task {told.task} under label {who}"
+            raise RosterError(what, remedy="give the label and the task in the session's file name")
     under = [path.parent.name.removeprefix("sub-") for path in storage.journals(root) if _is_of(path, told.task)]
     known = roster.took_part | told.people
     twice = Counter(known.get((who, told.task), who) for who in under)
     if person := next((one for one, times in twice.items() if times > 1), None):
-        what = f"participant {person} would have two sessions of task {told.task}"
-        remedy = "if two participants took each other's place, give --exchanged; otherwise put the other session right"
+        what = f"participant {person} would have two sessions for task {told.task}"
+        remedy = "if two participants exchanged labels, add --exchanged; otherwise correct the other session"
         raise RosterError(what, remedy=f"{remedy} first")
 
 

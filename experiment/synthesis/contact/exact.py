@@ -85,7 +85,7 @@ def _eventful(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Swit
         since = owed = 0.0
         if len(switches) > MOST_SWITCHES:
             raise SynthesisError(
-                f"step: got {dt_s:g} s with more than {MOST_SWITCHES} touches and releases; allowed: fewer; take "
+                f"step: got {dt_s:g} s with more than {MOST_SWITCHES} touches and releases; allowed: fewer; use "
                 "shorter steps"
             )
 

@@ -84,13 +84,13 @@ class ForceBudget:
         """Return in words what a hand feels."""
         still, *taps = self.felt
         taps_off = ", ".join(f"{one.error:.0%} at {one.speed_mm_s:g} mm/s" for one in taps)
-        silent = f", nothing for {still.zero_part:.0%} of the time" if still.zero_part >= SHOWN else ""
+        silent = f" and is zero {still.zero_part:.0%} of the time" if still.zero_part >= SHOWN else ""
         told = (
-            f"A SIMULATED hand that rests inside feels the force with an SD of {still.error:.1%}{silent}. Taps are off "
-            f"by {taps_off} (rms of the law within {self.limit_n:g} N)."
+            f"For a SIMULATED hand at rest inside the block, the force has an SD of {still.error:.1%}{silent}. Taps "
+            f"have an rms error of {taps_off}, relative to the law's rms within {self.limit_n:g} N."
         )
         if (fastest := taps[-1]).asked_n > self.limit_n:
-            told += f" The law asks {fastest.asked_n:.3g} N at a touch of {fastest.speed_mm_s:g} mm/s."
+            told += f" The law requires {fastest.asked_n:.3g} N for a touch at {fastest.speed_mm_s:g} mm/s."
         return told
 
     def rows(self) -> list[dict[str, str | float]]:

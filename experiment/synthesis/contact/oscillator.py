@@ -67,8 +67,8 @@ def oscillator(*, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, fo
         split = inf
     if not split < 1e300:
         raise SynthesisError(
-            f"block: got {stiffness_n_m:g} N/m and {damping_n_s_m:g} N s/m with {mass_kg:g} kg; allowed: what moves at "
-            "a finite rate; take a larger mass"
+            f"block: got {stiffness_n_m:g} N/m and {damping_n_s_m:g} N s/m with {mass_kg:g} kg; allowed: a block "
+            "that moves at a finite rate; use a larger mass"
         )
     root = sqrt(abs(split))
     if split < 0:

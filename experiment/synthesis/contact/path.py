@@ -79,8 +79,8 @@ def init(blocks: Sequence[Block], *, hand_m: Pair) -> State:
     for i, block in enumerate(blocks):
         if (deep := _in_axes(block, hand_m)[0] - _in_axes(block, block.face_m)[0]) > 0:
             raise SynthesisError(
-                f"hand: got {hand_m} m, which is {deep:g} m inside block {i + 1}; allowed: a place outside of every "
-                "block; begin there"
+                f"hand: got {hand_m} m, which is {deep:g} m inside block {i + 1}; allowed: a position outside every "
+                "block; start there"
             )
     return State(0.0, hand_m, (0.0, 0.0), tuple(Left(*_in_axes(one, one.face_m), 0.0, 0.0, 0.0) for one in blocks))
 
@@ -151,8 +151,8 @@ def trajectory(blocks: Sequence[Block], *, times_s: ArrayLike, hand_m: ArrayLike
     times, places = np.asarray(times_s, dtype=np.float64), np.asarray(hand_m, dtype=np.float64)
     if times.ndim != 1 or not times.size or places.shape != (times.size, 2):
         raise SynthesisError(
-            f"path: got times of shape {times.shape} and places of shape {places.shape}; allowed: (n,) and (n, 2), n "
-            "being one or more; give a place for each time"
+            f"path: got times of shape {times.shape} and positions of shape {places.shape}; allowed: (n,) and (n, 2), "
+            "with n at least 1; give a position for each time"
         )
     forces = np.zeros((times.size, 2))
     at, path = times.tolist(), [(x, y) for x, y in places.tolist()]

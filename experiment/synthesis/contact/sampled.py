@@ -84,16 +84,16 @@ def of_the_paper() -> str:
     lightest = PAPER_DAMPING_N_S_M * period / 2
     return (
         f"The paper's block of {PAPER_STIFFNESS_N_M:g} N/m and {PAPER_DAMPING_N_S_M:g} N s/m at "
-        f"{PAPER_RATE_HZ:g} Hz, with the hand's speed as the difference of two samples, is passive only in front of a "
-        f"device with {needed:.4g} N s/m of its own "
-        f"({late:.4g} N s/m if the force comes a period late). A direct drive that was built for little friction has "
-        "far less, so passivity does not explain why it was stable; the fingers that held it, and the mass of the "
-        "block, which the paper does not print, may. The damper asks for nearly all of it: the spring alone would need "
-        f"{PAPER_STIFFNESS_N_M * period / 2:g} N s/m. By explicit Euler the block itself would be unstable below a "
-        f"mass of about {lightest:.3g} kg. At a touch of {PAPER_FASTEST_M_S * 1e3:g} mm/s the damper asks "
-        f"{PAPER_DAMPING_N_S_M * PAPER_FASTEST_M_S:g} N of a device that makes some {PAPER_FORCE_N:g}. Where a servo "
-        "knows the mass of its device's tip and is told the force that it sent, `palpate check --rig` finds 2.4 to 6 "
-        "N s/m enough, and how far the force is off."
+        f"{PAPER_RATE_HZ:g} Hz, with the hand's speed as the difference between two samples, is passive only on a "
+        f"device with {needed:.4g} N s/m of damping of its own "
+        f"({late:.4g} N s/m if the force is a period late). A direct drive built for low friction has "
+        "far less, so passivity does not explain why the block was stable. The fingers that held the device, and the "
+        "mass of the block, which the paper does not state, may explain it. Most of the damping is needed for the "
+        f"block's damper: its spring alone would need {PAPER_STIFFNESS_N_M * period / 2:g} N s/m. With explicit Euler, "
+        f"the block itself would be unstable below about {lightest:.3g} kg. At a touch at "
+        f"{PAPER_FASTEST_M_S * 1e3:g} mm/s, the damper requires {PAPER_DAMPING_N_S_M * PAPER_FASTEST_M_S:g} N; the "
+        f"device produces about {PAPER_FORCE_N:g} N. If a servo estimates motion from the mass of its device's tip and "
+        "the force that it sent, 2.4 to 6 N s/m are enough, and `palpate check --rig` computes the force error."
     )
 
 

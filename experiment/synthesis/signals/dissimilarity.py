@@ -18,7 +18,7 @@ def dissimilarity(a: ArrayLike, b: ArrayLike, *, frequencies_hz: ArrayLike) -> N
     if not first.shape[-1] == second.shape[-1] == f.size:
         raise SynthesisError(
             f"spectra: got {first.shape[-1]} and {second.shape[-1]} bins for {f.size} frequencies; "
-            "allowed: equal numbers; compare spectra of one length and rate"
+            "allowed: equal numbers; compare spectra with the same length and rate"
         )
     within = (f >= BAND_HZ[0]) & (f <= BAND_HZ[1])
     differences: NDArray[np.float64] = np.abs(np.abs(first[..., within]) - np.abs(second[..., within]))

@@ -39,7 +39,7 @@ def noise(*, colour: Colour, samples: int, rate_hz: int, rng: np.random.Generato
     if not shortest <= samples < inf:
         raise SynthesisError(
             f"samples: got {samples}; allowed: {shortest} or more at {rate_hz} Hz, a period of {LOWEST_HZ:g} Hz; "
-            "ask for longer noise"
+            "request longer noise"
         )
     k = np.arange(samples // 2 + 1)
     # A bin at exactly half the rate has no phase to draw; without it every bin has the amplitude asked for.

@@ -320,7 +320,7 @@ def _worst(of: list[list[float]], size: int) -> list[float | None]:
 def left_out(of: Phased, place: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the profile at an inner speed, (W,), told from its neighbours alone, and with phases drawn instead."""
     if of.profiles is None or of.starts is None:
-        raise ValueError("a profile is told of recorded phases alone")
+        raise ValueError("only recorded phases have a profile")
     others, v = [place - 1, place + 1], float(of.speeds_mm_s[place])
     less = CrinkleSpectra(of.speeds_mm_s[others], of.rate_hz, of.amplitudes[others], of.signs[others])
     slow, fast = less.speeds_mm_s.tolist()

@@ -76,8 +76,8 @@ def band_noise(at: Times, *, low_hz: float, high_hz: float, rms_m_s2: float, see
     first, last = max(ceil(low_hz * period_s), 1), min(floor(high_hz * period_s), (n - 1) // 2)
     if last < first:
         raise SynthesisError(
-            f"a burst of noise from {low_hz:g} to {high_hz:g} Hz for {at.lasts_s:g} s: got no frequency of which it "
-            "holds whole periods; allowed: one at least; make it longer, or its band wider"
+            f"a burst of noise from {low_hz:g} to {high_hz:g} Hz for {at.lasts_s:g} s: got no frequency with whole "
+            "periods in it; allowed: at least one; make it longer or its band wider"
         )
     phases = 2 * pi * np.random.Generator(np.random.PCG64(seed)).random(last - first + 1)
     bins = np.zeros(n // 2 + 1, np.complex128)

@@ -25,7 +25,7 @@ def shape(
     signed, f = finite(coefficients, what="coefficients"), finite(frequencies_hz, what="frequencies_hz")
     if signed.ndim != 1 or signed.shape != f.shape:
         raise SynthesisError(
-            f"coefficients: got shape {signed.shape} for frequencies of shape {f.shape}; allowed: one spectrum, shape "
-            "(N,) both; pass the frequency of each bin"
+            f"coefficients: got shape {signed.shape} for frequencies of shape {f.shape}; allowed: one spectrum, both "
+            "of shape (N,); pass the frequency of each bin"
         )
     return shape_at(signed, at_bins(response, f), gain_limit_v_per_m_s2=gain_limit_v_per_m_s2, scale=scale)

@@ -67,8 +67,8 @@ class Collision:
             wrong.append(f"speed: got {self.speed_m_s:g} m/s; allowed: a finite number above zero; correct it")
         elif not max(1.0, self.mass_kg) * self.speed_m_s * self.speed_m_s < inf:
             wrong.append(
-                f"mass and speed: got {self.mass_kg:g} kg at {self.speed_m_s:g} m/s; allowed: an energy that is a "
-                "finite number; give less of one"
+                f"mass and speed: got {self.mass_kg:g} kg at {self.speed_m_s:g} m/s; allowed: a finite "
+                "energy; reduce one of them"
             )
         refuse(wrong)
         _ = self.scaled
@@ -94,8 +94,8 @@ class Collision:
         if (self.stiffness_n_m and k < LEAST) or (self.force_n and abs(force) < LEAST):
             raise SynthesisError(
                 f"impact: got {self.stiffness_n_m:g} N/m, {self.damping_n_s_m:g} N s/m and {self.force_n:g} N for "
-                f"{self.mass_kg:g} kg at {self.speed_m_s:g} m/s, of which one acts some 1e150 times as fast as "
-                "another; allowed: closer, or zero; leave out what does nothing"
+                f"{self.mass_kg:g} kg at {self.speed_m_s:g} m/s, and one acts about 1e150 times as fast as "
+                "another; allowed: closer values, or zero; leave out the one without effect"
             )
         return Collision(k, c, ldexp(self.mass_kg, -kg), ldexp(self.speed_m_s, s - m), force, self.law)
 
@@ -175,7 +175,7 @@ def _in_si(made: Impact, of: Collision) -> Impact:
     found = {name: getattr(made, name) for name in QUANTITIES}
     si = {name: None if value is None else _shifted(value, powers[name]) for name, value in found.items()}
     lost = [name for name, value in si.items() if value is not None and found[name] and not LEAST <= abs(value) < inf]
-    beyond = (f"{', '.join(lost)}: beyond the numbers from {LEAST:.2g} to 1.8e308.",) if lost else ()
+    beyond = (f"{', '.join(lost)}: outside the range from {LEAST:.2g} to 1.8e308.",) if lost else ()
     return Impact(**{**si, **dict.fromkeys(lost)}, why=made.why + beyond)
 
 
@@ -202,13 +202,13 @@ def _closed_form(of: Collision) -> Impact:
     why: tuple[str, ...] = (_NEARLY_CRITICAL,) if of.nearly_critical else ()
     rebound: float | None = abs(u)
     if of.nearly_critical and abs(u) < 1e-290:
-        rebound, why = None, (*why, "rebound_m_s: it is below 1e-290 of the speed of the touch, which is too small.")
+        rebound, why = None, (*why, "rebound_m_s: it is below 1e-290 of the touch speed, which is too small.")
     return Impact(release, rebound, deepest, peak, lost, of.stiffness_n_m * x * x / 2, why)
 
 
 _NEARLY_CRITICAL = (
     f"The damping is within {NEARLY_CRITICAL:g} of critical, where release under the printed law is ill-conditioned: "
-    "it hangs on the last digits of K, C and M, and comes late."
+    "it depends on the last digits of K, C and M, and is late."
 )
 
 
@@ -293,8 +293,8 @@ def in_steps(of: Collision, *, method: str = EXACT, rate_hz: float, phase: float
     once, dt = stepper(method), _shifted(1 / rate_hz, -s)
     if method != EXACT and not dt < LONGEST:
         raise SynthesisError(
-            f"rate: got {rate_hz:g} Hz; allowed: steps of less than {LONGEST:g} times the time in which this impact "
-            "changes; choose a higher rate"
+            f"rate: got {rate_hz:g} Hz; allowed: steps shorter than {LONGEST:g} times the time scale of this "
+            "impact; choose a higher rate"
         )
     exact = _closed_form(of)
     longest = 4 * (exact.release_s or exact.peak_s or _settles_s(of.block.normal))
@@ -331,7 +331,7 @@ def _outcome(of: Collision, exact: Impact, method: str, seen: list[Switch], last
         penetration = exact.penetration_m
     unseen: tuple[str, ...] = ()
     if penetration is None and exact.penetration_m is not None:
-        unseen = (f"penetration_m and peak_s: no step of '{method}' ends with the mass in the block and not going in.",)
+        unseen = (f"penetration_m and peak_s: no step of '{method}' ends with the mass in the block and moving out.",)
     if released is None:
         why = exact.why
         if exact.release_s is not None:
@@ -339,7 +339,7 @@ def _outcome(of: Collision, exact: Impact, method: str, seen: list[Switch], last
         return Impact(None, None, penetration, peak, None, None, why)
     x, u = released.deep_m, released.deep_m_s
     lost = dissipated_j(of, released.since_s) if method == EXACT else balance_j(of, x, u)
-    why = exact.why if exact.release_s is not None else ("By its error, the method releases what is never released.",)
+    why = exact.why if exact.release_s is not None else ("The method releases the mass only because of its error.",)
     rebound = None if exact.release_s is not None and exact.rebound_m_s is None else abs(u)
     left = of.stiffness_n_m * x * x / 2
     return Impact(released.since_s, rebound, penetration, peak, lost, left, (*why, *unseen))
@@ -362,20 +362,20 @@ def _never(of: Collision, penetration: float | None, peak: float) -> tuple[str, 
     """Return why there is no release, and what else is not defined for that reason."""
     nothing = "release_s, rebound_m_s, dissipated_j and left_in_spring_j: "
     if of.force_n > 0 and of.stiffness_n_m:
-        why = "the force holds the mass in the block, where it comes to rest at F / K."
+        why = "the force keeps the mass in the block, where it comes to rest at F / K."
         if of.damping_n_s_m == 0:
-            why = "the force holds the mass in the block, where it swings about F / K."
+            why = "the force keeps the mass in the block, where it oscillates around F / K."
     elif of.force_n > 0:
-        why = "there is no spring, and the force drives the mass on into the block."
+        why = "there is no spring, so the force pushes the mass deeper into the block."
     elif of.stiffness_n_m == 0:
-        why = "there is no spring, and nothing throws the mass back."
+        why = "there is no spring, so nothing pushes the mass back."
     else:
-        why = "the damping is critical or above, and the printed law brings the mass back to r = 0 in no finite time."
+        why = "the damping is critical or higher, so the printed law never returns the mass to r = 0 in finite time."
     deep: tuple[str, ...] = ()
     if penetration is None:
-        deep = ("penetration_m and peak_s: the mass goes deeper without an end.",)
+        deep = ("penetration_m and peak_s: the mass goes deeper without limit.",)
     elif peak == inf:
-        deep = ("peak_s: the largest penetration is approached and never reached.",)
+        deep = ("peak_s: the mass approaches the largest penetration but never reaches it.",)
     return (nothing + why, *deep)
 
 
@@ -419,13 +419,13 @@ class Answer:
             f"under {of.force_n:g} N: {ratio}, law '{of.law}', method '{self.method}' at {self.rate_hz:g} Hz"
         ]
         bound = "every step is" if self.limit_h_w is None else f"up to {self.limit_h_w:.4g} is"
-        verdict = "stable" if self.stable else "NOT STABLE, so the numbers below mean nothing"
-        lines.append(f"  the method is {verdict} in this contact: h w = {self.h_w:.4g}, {bound} stable")
+        verdict = "stable" if self.stable else "NOT STABLE, so the numbers below are meaningless"
+        lines.append(f"  the method is {verdict} in this contact (h w = {self.h_w:.4g}; {bound} stable)")
         if self.method != EXACT and (long := self.step_in_contacts or 0.0) > LONG_STEP:
             sees = "nothing" if long > 1 else "little"
             lines.append(
-                f"  a step is {long:.3g} times as long as the contact, so the method sees {sees} of it: stable or not, "
-                "its numbers are not those of this impact"
+                f"  a step is {long:.3g} times as long as the contact, so the method captures {sees} of it: stable or "
+                "not, its numbers do not describe this impact"
             )
         for name, shown, unit in (
             ("release_s", "release", "s after the touch"),
@@ -440,9 +440,9 @@ class Answer:
         lines += [f"  {sentence}" for sentence in made.why]
         known = "not finite" if self.condition is None else f"{self.condition:.3g}"
         if self.condition == 0:
-            lines.append("  no condition number: nothing is defined that errors of the input could change")
+            lines.append("  no condition number: no defined result depends on errors in the input")
         else:
-            lines.append(f"  condition number {known}: relative errors of the input grow by it")
+            lines.append(f"  condition number {known}: the factor by which relative errors in the input grow")
         return "\n".join(lines)
 
 
@@ -453,7 +453,7 @@ def answer(of: Collision, *, method: str = EXACT, rate_hz: float) -> Answer:
     h_w = of.frequency_rad_s * step
     if not (0 < step < inf and h_w < inf):
         raise SynthesisError(
-            f"rate: got {rate_hz:g} Hz; allowed: a finite number above zero, whose step times sqrt(K / M) is one; "
+            f"rate: got {rate_hz:g} Hz; allowed: a finite number above zero, with a finite step times sqrt(K / M); "
             "correct it"
         )
     exact = closed_form(of)

@@ -115,7 +115,7 @@ def test_a_file_is_refused_with_every_problem_at_once(scores: Path) -> None:
         "score[0].task: got 'a'; allowed: one of: all",
         "no such key; did you mean 'null'?",
         "sd: got '-1'; allowed: a number as printed, not negative",
-        "null: got nothing; allowed: a number, where the file states no chance",
+        "null: got nothing; allowed: a number, if the file states no chance",
     ):
         assert problem in str(caught.value)
 
@@ -190,7 +190,7 @@ def test_a_score_may_not_have_the_name_of_a_material(scores: Path, refuses: Refu
 
 
 def test_against_is_for_datasets(scores: Path) -> None:
-    with pytest.raises(PublishedError, match="is no dataset"):
+    with pytest.raises(PublishedError, match="not a dataset"):
         audit("okamoto2012", scores)
 
 

@@ -55,7 +55,11 @@ def test_a_d_in_the_place_of_t_is_named(made: dict[str, Any], index: int) -> Non
 @pytest.mark.parametrize("index", range(6))
 @pytest.mark.parametrize(
     ("mistake", "expected"),
-    [("tail", "it is one-tailed"), ("size", "it is the P of d * sqrt({other}) at"), ("df", "it was taken at {off} df")],
+    [
+        ("tail", "it is one-tailed"),
+        ("size", "it is the P of d * sqrt({other}) with"),
+        ("df", "it was computed with {off} df"),
+    ],
 )
 def test_a_wrong_p_is_named(made: dict[str, Any], index: int, mistake: str, expected: str) -> None:
     """P by scipy, wrong in one way each; the mistake that was made is among those named."""
@@ -135,7 +139,7 @@ def test_the_standard_error_of_a_cell_without_a_test_is_named(
     ("factor", "reason"),
     [
         (1.0, ", or the SD is the standard error"),
-        (math.sqrt(11), "it was formed with sqrt(n - 1), as if from 11 participants, or the SD is the population SD"),
+        (math.sqrt(11), "it was computed with sqrt(n - 1), as if from 11 participants, or the SD is the population SD"),
     ],
 )
 def test_what_explains_a_t_alone_as_well_as_its_sd_says_both(made: dict[str, Any], factor: float, reason: str) -> None:
@@ -182,7 +186,7 @@ def test_a_wrong_n_is_named_in_a_study_of_one_task(alone: dict[str, Any], index:
     (line,) = _accused(document, f"t({n - 1})")
     assert (f"d * sqrt({size})" if size > n else "sqrt(n - 1)") in line.reason
     (line,) = _accused(printed_study.changed(alone, lambda test: test.update(p=p), index), "P")
-    assert f"d * sqrt({size}) at {size - 1} df" in line.reason
+    assert f"d * sqrt({size}) with {size - 1} df" in line.reason
 
 
 def test_the_n_of_a_printed_df_and_of_all_tasks_is_named(made: dict[str, Any]) -> None:
@@ -191,17 +195,17 @@ def test_the_n_of_a_printed_df_and_of_all_tasks_is_named(made: dict[str, Any]) -
         text = f"{_true(0)[0] * size**0.5:.2f}"
         document = printed_study.changed(made, partial(dict.update, t=text, df=df))
         (line,) = _accused(document, f"t({df})")
-        assert f"it is d * sqrt({size}), where n is 12" in line.reason
+        assert f"it is d * sqrt({size}), but n is 12" in line.reason
 
 
 @pytest.mark.parametrize(
     ("df", "reason"),
     [
-        ((3, 47), "it is that of all values, from which the effects' were not taken off"),
+        ((3, 47), "it is the total df, from which the effects' df were not subtracted"),
         ((3, 48), "it is the number of values"),
-        ((3, 45), "it is the number of values less the effect's df"),
-        ((3, 32), "it was taken from 9 participants, where n is 12"),
-        ((3, 33), "it was taken as for repeated measures"),
+        ((3, 45), "it is the number of values minus the effect's df"),
+        ((3, 32), "it was computed from 9 participants, but n is 12"),
+        ((3, 33), "it was computed as if for repeated measures"),
         ((4, 44), "it is the number of levels"),
         ((3, 17), ""),
     ],
@@ -290,7 +294,7 @@ def test_stars_are_held_against_the_printed_p(p: str, earned: str) -> None:
     lines = {line.quantity: line for line in print_lines(printed_study.published(document))}
     assert lines["P"].agrees
     assert (lines["stars"].recomputed, lines["stars"].agrees) == (earned, earned == "*")
-    assert ("P = 0.0502" in lines["stars"].reason) is bool(lines["stars"].reason) is (earned != "*")
+    assert ("them is 0.0502" in lines["stars"].reason) is bool(lines["stars"].reason) is (earned != "*")
 
 
 def _cut_population_sds() -> Iterator[tuple[dict[str, Any], str]]:
@@ -310,7 +314,7 @@ def test_a_population_sd_that_its_t_pins_has_to_be_truncated(document: dict[str,
     """Other counts with the same mean have that SD as rounded, but not the printed t."""
     (line, *_) = [line for line in print_lines(printed_study.published(document)) if line.quantity == "SD"]
     assert (line.printed, line.verdict) == (sd, "agrees if truncated")
-    assert "printed t needs it" in line.reason
+    assert "printed t requires this" in line.reason
     assert "population SD" in line.reason
 
 

@@ -54,11 +54,11 @@ def test_a_wrong_mean_is_accused_alone(made: dict[str, Any], change: Any, words:
     assert (line.quantity, line.printed) == ("mean", change(right))
     assert float(line.recomputed) == pytest.approx(float(right), abs=6e-4)
     assert words in line.reason
-    assert line.reason.endswith("conflicts are settled")
+    assert line.reason.endswith("conflicts")
 
 
 def test_the_row_of_a_wrong_mean_shows_the_mean_that_is_printed(made: dict[str, Any]) -> None:
-    """What would stand for it is told in the row's reason alone."""
+    """What would fit for it is told in the row's reason alone."""
     first, right, last = (cell["mean"] for cell in made["table"][0]["cells"][3:6])
     wrong = right[:2] + str((int(right[2]) + 4) % 9) + right[3:]
     lines = print_lines(printed_study.published(_with(made, {4: {"mean": wrong}})))

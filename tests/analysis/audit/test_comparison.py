@@ -81,7 +81,7 @@ def test_stars_that_follow_a_wrong_p_are_recomputed(reconstructed: Comparison) -
         ("aluminum foil", "***", "**"),
         ("typing paper", "***", "**"),
     ]
-    assert all("follow the printed P" in line.reason for line in lines)
+    assert all("match the printed P" in line.reason for line in lines)
 
 
 def test_the_icc_is_named_and_never_called_right(reconstructed: Comparison, approved: SnapshotAssertion) -> None:
@@ -102,7 +102,7 @@ def test_other_answers_are_not_explained_by_how_the_paper_prints(tmp_path: Path)
     }
     root = write_dataset(tmp_path, sessions, study="okamoto2012", origin="REHEARSAL", materials=OKAMOTO)
     lines = _compared(root, diagnose=False).lines
-    assert not any("Cohen" in line.reason or "follow the printed" in line.reason for line in lines)
+    assert not any("Cohen" in line.reason or "match the printed" in line.reason for line in lines)
     assert any("at 4 df" in line.recomputed for line in lines)
 
 

@@ -41,9 +41,9 @@ def test_the_sample_is_students() -> None:
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
-        (MEAN * N / 15, "the sum was divided by 15 participants, where n is 10"),
+        (MEAN * N / 15, "the sum was divided by 15 participants, but n is 10"),
         (100 * MEAN, "it was printed as a percentage"),
-        (1 - MEAN, "it is 1 less the ratio"),
+        (1 - MEAN, "it is 1 minus the ratio"),
         (MEAN + 0.1, ""),
     ],
 )
@@ -54,7 +54,7 @@ def test_of_a_mean(value: float, expected: str) -> None:
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
-        (statistics.pstdev(STUDENT), "it is the population SD, divided by n, not n - 1"),
+        (statistics.pstdev(STUDENT), "it is the population SD (computed with n, not n - 1)"),
         (SD / math.sqrt(N), "it is the standard error"),
         (statistics.variance(STUDENT), "it is the variance"),
         (SD + 0.1, ""),
@@ -68,10 +68,10 @@ def test_of_a_standard_deviation(value: float, expected: str) -> None:
     ("value", "expected"),
     [
         (-T, "its sign is lost"),
-        (D, f"what is printed as t is Cohen's d = {D:.2f}"),
-        (MEAN / (statistics.pstdev(STUDENT) / math.sqrt(N)), "it was formed with the population SD"),
-        (D * math.sqrt(N - 1), "it was formed with sqrt(n - 1), as if from 9 participants"),
-        (D * math.sqrt(15), "it is d * sqrt(15), where n is 10"),
+        (D, f"the printed t is Cohen's d = {D:.2f}"),
+        (MEAN / (statistics.pstdev(STUDENT) / math.sqrt(N)), "it was computed with the population SD"),
+        (D * math.sqrt(N - 1), "it was computed with sqrt(n - 1), as if from 9 participants"),
+        (D * math.sqrt(15), "it is d * sqrt(15), but n is 10"),
         (T + 0.01, ""),
     ],
 )
@@ -89,11 +89,11 @@ def test_of_a_t_against_0_in_the_place_of_chance(approved: SnapshotAssertion) ->
     ("value", "expected"),
     [
         (float(stats.t.sf(T, N - 1)), "it is one-tailed"),
-        (2 * float(stats.t.sf(T, N)), "it was taken at 10 df, where n is 10"),
-        (2 * float(stats.t.sf(T, 14)), "it was taken at 14 df, where n is 10"),
-        (2 * float(stats.t.sf(D * math.sqrt(15), 14)), "it is the P of d * sqrt(15) at 14 df, where n is 10"),
-        (2 * float(stats.norm.sf(T)), "it was taken from the normal distribution"),
-        (3 * 2 * float(stats.t.sf(T, N - 1)), "it was multiplied by the 3 tests of its task"),
+        (2 * float(stats.t.sf(T, N)), "it was computed with 10 df, but n is 10"),
+        (2 * float(stats.t.sf(T, 14)), "it was computed with 14 df, but n is 10"),
+        (2 * float(stats.t.sf(D * math.sqrt(15), 14)), "it is the P of d * sqrt(15) with 14 df, but n is 10"),
+        (2 * float(stats.norm.sf(T)), "it is from the normal distribution"),
+        (3 * 2 * float(stats.t.sf(T, N - 1)), "it was multiplied by 3, the number of tests in its task"),
         (0.9, ""),
     ],
 )
@@ -112,8 +112,8 @@ def test_of_a_p_that_follows_a_wrong_t(approved: SnapshotAssertion) -> None:
     ("value", "expected"),
     [
         (float(stats.t.sf(2.05, 27)), "it is one-tailed"),
-        (2 * float(stats.t.sf(2.05, 28)), "it was taken at 28 df"),
-        (2 * float(stats.norm.sf(2.05)), "it was taken from the normal distribution"),
+        (2 * float(stats.t.sf(2.05, 28)), "it was computed with 28 df"),
+        (2 * float(stats.norm.sf(2.05)), "it is from the normal distribution"),
     ],
 )
 def test_of_a_lone_p(value: float, expected: str) -> None:
@@ -127,11 +127,11 @@ LAYOUT = Layout(DF, 15, 5, (10,))
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
-        (math.sqrt(F), "it is the root of F, a t"),
+        (math.sqrt(F), "it is the square root of F, that is, t"),
         (F * 15 / 12, "its residual was divided by the number of values"),
-        (F * 2 / (F * 2 + 12), "what is printed as F is eta squared"),
-        (F * 14 / 12, "it was formed with its printed df"),
-        (F * 10 / 5, "it was taken from 10 participants, where n is 5"),
+        (F * 2 / (F * 2 + 12), "the printed F is eta squared"),
+        (F * 14 / 12, "it was computed with its printed df"),
+        (F * 10 / 5, "it was computed from 10 participants, but n is 5"),
     ],
 )
 def test_of_an_f(value: float, expected: str) -> None:
@@ -141,12 +141,12 @@ def test_of_an_f(value: float, expected: str) -> None:
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
-        (float(stats.f.sf(6, *DF)), "it follows the printed F"),
+        (float(stats.f.sf(6, *DF)), "it matches the printed F"),
         (float(stats.f.sf(F, *DF)) / 2, "it is one-tailed"),
-        (float(stats.f.sf(F, 2, 15)), "it was taken at 2, 15 df"),
-        (float(stats.f.sf(F, 2, 13)), "it was taken at its printed df"),
-        (float(stats.f.sf(6, 2, 13)), "it follows the printed F at its printed df"),
-        (float(stats.f.sf(10, 2, 27)), "it was taken from 10 participants, where n is 5"),
+        (float(stats.f.sf(F, 2, 15)), "it was computed with 2, 15 df"),
+        (float(stats.f.sf(F, 2, 13)), "it was computed with its printed df"),
+        (float(stats.f.sf(6, 2, 13)), "it matches the printed F with its printed df"),
+        (float(stats.f.sf(10, 2, 27)), "it was computed from 10 participants, but n is 5"),
     ],
 )
 def test_of_the_p_of_an_f(value: float, expected: str) -> None:
@@ -177,8 +177,8 @@ def test_every_mistake_that_fits_is_named_the_simplest_first() -> None:
 @pytest.mark.parametrize(
     ("printed", "value", "reason"),
     [
-        ("7.29", "7.92", "two digits are swapped: 7.92 would stand"),
-        ("7.12", "7.92", "one digit is wrong: 7.92 would stand"),
+        ("7.29", "7.92", "two digits are swapped: 7.92 would fit"),
+        ("7.12", "7.92", "one digit is wrong: 7.92 would fit"),
         ("79.2", "7.92", "it is off by a power of ten"),
         ("5.02e-6", "5.02e-7", "it is off by a power of ten"),
         ("1.11", "7.92", ""),

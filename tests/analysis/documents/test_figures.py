@@ -203,7 +203,7 @@ def test_a_short_label_is_shown_whole() -> None:
 
 @pytest.mark.parametrize("arms", [0, 1, 2, 3, 4])
 def test_a_flow_of_participants_is_legible(arms: int) -> None:
-    aside = "In no order below: n = 10000\nto begin: 10000\nwithdrew before beginning: 0\nwithdrew, data erased: 0"
+    aside = "Not in any order below: n = 10000\nto begin: 10000\nwithdrew before beginning: 0\nwithdrew, data erased: 0"
     counts = "\n".join(
         f"{what}: 10000" for what in ("completed", "under way", "withdrew", "doubted", "excluded by a rule")
     )
@@ -211,7 +211,7 @@ def test_a_flow_of_participants_is_legible(arms: int) -> None:
         ("Enrolment", ("Enrolled: n = 10000\n(planned: 10000)",)),
         ("Allocation", ("abcdefghijklmnopqrstuvwxyz\nthen short\nbegan: n = 10000",) * arms),
         ("Sessions", (counts,) * arms),
-        ("Analysis", ("Can be analysed: at most n = 40000",)),
+        ("Analysis", ("Available for analysis: at most n = 40000",)),
     )
     drawn = flow("REHEARSAL - simulated participants: study", LONG[0] * 4, aside, [one for one in stages if one[1]])
     check([Sheet("flow", "", "", drawn)])

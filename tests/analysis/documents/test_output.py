@@ -70,7 +70,7 @@ def test_a_disk_that_fills_up_changes_nothing(tmp_path: Path, monkeypatch: pytes
 def test_a_file_changed_by_hand_is_never_overwritten(tmp_path: Path) -> None:
     publish(tmp_path, {"report.html": b"ours"}, "a label", "analyse")
     (tmp_path / "report.html").write_bytes(b"with my notes")
-    with pytest.raises(DatasetError, match="was changed since"):
+    with pytest.raises(DatasetError, match="was changed later"):
         publish(tmp_path, {"report.html": b"again"}, "a label", "analyse")
     assert _files(tmp_path) == {"report.html": b"with my notes"}
 
@@ -200,7 +200,7 @@ def test_every_command_keeps_out_of_every_dataset(
     }
     before = sorted(other.rglob("*"))
     code, _, error = palpate(command, *subject.get(command, (asked,)), "--out", other / "sub-01" / "x")
-    told = [line for line in error.splitlines() if "no journal stands behind these tables" not in line]
+    told = [line for line in error.splitlines() if "these tables have no journals" not in line]
     assert (code, len(told)) == (2, 1)
     assert f"dataset {other}" in told[0]
     assert sorted(other.rglob("*")) == before

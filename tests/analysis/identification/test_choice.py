@@ -88,7 +88,7 @@ def test_perfect_answers() -> None:
 
 def test_a_material_never_recognised_is_not_defined() -> None:
     counts = np.array([[5, 5, 0], [4, 0, 6], [1, 1, 8]])
-    with pytest.raises(NotDefined, match="b: never recognised"):
+    with pytest.raises(NotDefined, match="b: never recognized"):
         similarity_choice(counts, NAMES[:3])
 
 

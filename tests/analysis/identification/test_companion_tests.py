@@ -24,7 +24,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
 
-LOGIT = "logit in which participants differ by material and task"
+LOGIT = "logit with participants who vary by material and task"
 
 
 def _study(root: Path, people: int = 9, *, missing: tuple[str, ...] = ()) -> Study:
@@ -109,7 +109,7 @@ def test_a_reconstruction_links_no_rows(repository_root: Path) -> None:
     found = compute(read(repository_root / "participants" / "okamoto2012"), {}).beside
     assert (found.both, found.paired, found.logit) == ((), (), None)
     assert set(found.materials) == {"virtual", "real"}
-    assert all("arbitrary in a reconstruction" in why for why in found.statements.values())
+    assert all("is arbitrary" in why for why in found.statements.values())
     assert len(found.statements) == 2
 
 
@@ -139,12 +139,12 @@ def _protocol(correction: str | None) -> Protocol:
 @pytest.mark.parametrize(
     ("correction", "said"),
     [
-        (None, "The stars follow the P that is not adjusted, because no protocol names a correction."),
+        (None, "The stars follow the unadjusted P, because no protocol names a correction."),
         (
             "materials",
-            "In virtual and real the stars follow Holm's adjusted P, as the protocol plans; its family is the ",
+            "In virtual and real, the stars follow the Holm-adjusted P, as the protocol plans; the family is the ",
         ),
-        ("materials and tasks", "its family is the materials and tasks."),
+        ("materials and tasks", "the family is the materials and tasks."),
     ],
 )
 def test_stars_follow_the_p_that_the_protocol_names(correction: str | None, said: str, repository_root: Path) -> None:

@@ -117,7 +117,7 @@ def test_reliabilities_have_the_cells_that_were_presented(found: Results) -> Non
 
 def test_what_needs_every_row_is_left_out_in_words(found: Results) -> None:
     for one, absent in zip(found.identifications, ("snow", "glass"), strict=True):
-        why = f"it needs every material, and {absent} is not presented in this task"
+        why = f"it needs every material, but {absent} is not presented in this task"
         assert {key: one.statements[key] for key in ("choice", "lapses", "scaling", "d'")} == dict.fromkeys(
             ("choice", "lapses", "scaling", "d'"), why
         )

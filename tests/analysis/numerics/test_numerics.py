@@ -66,7 +66,7 @@ def test_everything_holds(result: Numerics) -> None:
     assert result.verdict == (
         f"All {sum(one.claimed is not None for one in result.measured)} claimed bounds on errors, "
         f"{len(result.outcomes)} invariants and "
-        f"{len(result.played) + len(result.pushed[0].truth)} budgets hold."
+        f"{len(result.played) + len(result.pushed[0].truth)} budgets pass."
     )
 
 
@@ -85,7 +85,7 @@ def test_the_command_says_where_its_tables_are(
     monkeypatch.setattr(numerics, "run", lambda *_, **__: result)
     monkeypatch.setattr(report, "write", lambda *_: ())
     asked = ["numerics", "--out", str(tmp_path / "out")]
-    told = f"Tables, plots and what was played: {tmp_path / 'out'}\n"
+    told = f"Tables, plots and played signals: {tmp_path / 'out'}\n"
     assert CliRunner().invoke(app, asked, catch_exceptions=False).stdout.endswith(told)
     assert told not in CliRunner().invoke(app, [*asked, "--json"], catch_exceptions=False).stdout
 
@@ -166,7 +166,7 @@ def test_what_a_terminal_shows(result: Numerics) -> None:
 
 def test_dominated_is_explained_where_it_is_printed(result: Numerics) -> None:
     for section in report.sections(result):
-        says = any(paragraph.startswith("A way is dominated where") for paragraph in section.paragraphs)
+        says = any(paragraph.startswith("A method is dominated if") for paragraph in section.paragraphs)
         assert says is any("dominated" in table.header for table in section.tables), section.slug
 
 

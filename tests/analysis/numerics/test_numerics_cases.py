@@ -101,7 +101,7 @@ def test_the_printed_difference_is_noticed_at_the_measured_speeds(monkeypatch: p
         return right(spectra, speed_mm_s=speed_mm_s, literal=True)
 
     monkeypatch.setattr(numerics_cases, "at_speed", printed)
-    assert "a jump of" in outcome("200 mm/s, one rounding below and above").seen
+    assert "a jump of" in outcome("200 mm/s, one rounding step below and above").seen
 
 
 def test_the_oracle_is_checked_against_itself(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,7 +31,7 @@ def test_it_holds(case: Case) -> None:
 
 def test_the_traps_of_a_numerical_analyst_are_among_the_cases() -> None:
     given = {case.given for case in CASES}
-    assert {"silence", "1e300 m/s^2", "a null at 300 Hz, and bins beside it", "one speed recorded"} <= given
+    assert {"silence", "1e300 m/s^2", "a null at 300 Hz, and bins next to it", "one recorded speed"} <= given
 
 
 def two_bins(first: float, second: float) -> CrinkleSpectra:

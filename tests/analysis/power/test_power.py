@@ -302,7 +302,7 @@ def test_the_risk_of_a_wrong_star_is_that_of_each_study_counted(correction: str 
     assert (record["type_i_error_above_planned"], record["type_i_error_of_family_planned"]) == tuple(
         count / 400 for count in counted
     )
-    assert "which earns a star" in report.text(result)
+    assert "which gets a star" in report.text(result)
 
 
 def test_no_number_is_said_to_suffice_with_which_a_test_cannot_find_anything() -> None:
@@ -393,7 +393,7 @@ def test_the_monte_carlo_error_stands_where_the_shares_do(tmp_path: Path) -> Non
     study = protocol(t_test(0.25))
     result = run(study, guess(study), participants=(4, 15))
     shown = " ".join(report.text(result).split())
-    assert "In brackets" not in shown
+    assert "Brackets show" not in shown
     reaches: list[tuple[simulate.Row, float]] = []
     for row in result.rows:
         low, high = proportion_confint(row.tally.significant, 300, method="wilson")
@@ -401,11 +401,11 @@ def test_the_monte_carlo_error_stands_where_the_shares_do(tmp_path: Path) -> Non
         reaches.append((row, max(high - share, share - low)))
     by_size = max(reach for row, reach in reaches if row.kind == "model" and not row.question.adjusted)
     planned = max(reach for row, reach in reaches if row.participants == 15)
-    said = re.findall(r"Wilson's 95 % intervals reach at most (\S+) to either side", shown)
+    said = re.findall(r"Wilson's 95 % intervals extend at most (\S+) to either side", shown)
     assert [float(one) for one in said] == [math.ceil(by_size * 1000) / 1000, math.ceil(planned * 1000) / 1000]
     report.write(result, tmp_path / "out")
     for name in ("power.md", "needed.md"):
-        assert "In brackets after a share" in (tmp_path / "out" / name).read_text("utf-8")
+        assert "Brackets show" in (tmp_path / "out" / name).read_text("utf-8")
 
 
 def test_what_a_terminal_shows() -> None:

@@ -110,7 +110,7 @@ def test_the_same_seed_gives_the_same_and_looks_are_checked() -> None:
     )
     assert one == other
     for looks in ((5,), (9, 5), (2, 5), (5, 5), (5, 2000)):
-        with pytest.raises(PowerError, match=r"--looks: got .*; allowed: two or more rising numbers"):
+        with pytest.raises(PowerError, match=r"--looks: got .*; allowed: two or more increasing numbers"):
             run(DESIGN, own, study="s", rule="pocock", looks=looks, alike=0.3, studies=60, seed=3)
 
 

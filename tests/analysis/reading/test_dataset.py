@@ -108,7 +108,7 @@ def _first_row(column: int, cell: str) -> Callable[[str], str]:
     [
         ("dataset_description.json", lambda _: "{", "line 1 is not JSON"),
         ("dataset_description.json", lambda _: "[]", "got list; allowed: a JSON object"),
-        ("dataset_description.json", _replace('"Palpate"', '"Other"'), "key Palpate lacks"),
+        ("dataset_description.json", _replace('"Palpate"', '"Other"'), "key Palpate needs"),
         ("dataset_description.json", _replace('"PARTICIPANT"', '"GUESS"'), "Origin is 'GUESS'; allowed: PARTICIPANT"),
         ("dataset_description.json", _replace('"virtual"', '"tapping"'), "its task is not in dataset_description.json"),
         ("dataset_description.json", _replace('"Tasks": [', '"Tasks": 3, "Other": ['), "Tasks is 3; allowed"),
@@ -119,7 +119,7 @@ def _first_row(column: int, cell: str) -> Callable[[str], str]:
         (SIDECAR, _replace('"glass",', '"ice",'), "Materials differ from those of other files"),
         (SIDECAR, _replace('"Kind": "footstep"', '"Kind": "walk"'), "Kind is 'walk'; allowed: footstep, tapping"),
         (SIDECAR, _replace('"identification"', '"guess"'), "Design is 'guess'; allowed: identification, comparison"),
-        (SIDECAR, _replace('"identification"', '"comparison"'), "Design is 'comparison'; allowed: a design that asks"),
+        (SIDECAR, _replace('"identification"', '"comparison"'), "Design is 'comparison'; allowed: a design for"),
         (SIDECAR, _replace('"Rows": 12', '"Rows": "12"'), "Rows is '12'; allowed"),
         (EVENTS, _replace("presented\t", "shown\t"), "missing columns: presented"),
         (EVENTS, _first_row(2, "0"), "line 2: trial: got '0'; allowed: a whole number from 1"),
@@ -139,8 +139,8 @@ def _first_row(column: int, cell: str) -> Callable[[str], str]:
         (EVENTS, _first_row(12, "nan"), "line 2: onset_error: got 'nan'; allowed: a number, or n/a"),
         (EVENTS, _first_row(8, "inf"), "line 2: foot_speed: got 'inf'"),
         (EVENTS, _first_row(14, "REHEARSAL"), "line 2: origin: got 'REHEARSAL'; allowed: PARTICIPANT"),
-        (EVENTS, lambda text: text.replace("\t1\t1\t1\t", "\t1\t", 1), "line 2: 13 cells under 15 columns"),
-        (EVENTS, lambda text: text.rsplit("\n", 2)[0] + "\n", "11 rows, its sidecar says 12"),
+        (EVENTS, lambda text: text.replace("\t1\t1\t1\t", "\t1\t", 1), "line 2: 13 cells in 15 columns"),
+        (EVENTS, lambda text: text.rsplit("\n", 2)[0] + "\n", "11 rows, its sidecar lists 12"),
         (EVENTS, lambda text: text[:-5], "ends in the middle of a line; it is truncated"),
     ],
 )
@@ -167,7 +167,7 @@ def test_what_is_left_of_a_session_tells_that_its_events_are_missing(dataset: Pa
     for path in (EVENTS, SIDECAR):
         (dataset / path).unlink()
     (dataset / EVENTS).with_name(left).touch()
-    message = rf"{EVENTS} is missing, but {left} is there; restore it"
+    message = rf"{EVENTS} is missing, but {left} exists; restore it"
     with pytest.raises(DatasetError, match=message):
         read(dataset)
     (dataset / EVENTS).with_name(left).unlink()

@@ -48,13 +48,13 @@ def test_the_report_compares_with_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        (GOOD, "no dissimilarity of sand and snow"),
+        (GOOD, "no dissimilarity for sand and snow"),
         (f"{GOOD}x,sand,glass,0.3,\n", "line 4: got 'sand', 'glass', '0.3'; allowed: two materials, each pair once"),
         (f"{GOOD}x,sand,snow,nan,\n", "line 4"),
         (f"{GOOD}x,sand,snow,-1,\n", "line 4"),
         (f"{GOOD}x,sand\n", "line 4"),
         ("a,b\n1,2\n", "line 2: got None, None, None"),
-        ("", "no dissimilarity of"),
+        ("", "no dissimilarity for"),
     ],
 )
 def test_a_broken_file_is_refused(tmp_path: Path, text: str, why: str) -> None:

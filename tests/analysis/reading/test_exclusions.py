@@ -159,7 +159,7 @@ def test_attempts_done_again_and_absent_participants_are_listed(tmp_path: Path) 
     sessions = {"1": {"real": rows}, "2": {"real": balanced(1)}, "3": {}, "4": {"real": balanced(2)}}
     study = read(write_dataset(tmp_path, sessions, withdrawn=["4"]))
     assert study.exclusions == (
-        Exclusion("1", "real", 1, 1, "done again", "attempt 1 was done again: foot slipped"),
+        Exclusion("1", "real", 1, 1, "done again", "attempt 1 was repeated: foot slipped"),
         Exclusion("3", ALL_TASKS, None, None, "no data", "no events in the dataset"),
         Exclusion("4", ALL_TASKS, None, None, "withdrawn", "withdrew"),
     )
@@ -172,7 +172,7 @@ def test_when_nothing_is_left_each_rule_stands_once(approved: SnapshotAssertion)
     attempts.loc[attempts["trial"] == 1, "answered"] = attempts["participant"].map({"1": "sand", "2": "(none)"})
     found, _ = exclude(attempts, NOBODY, [rule("answers-below", 3, "exclude-participant")])
     assert not attempts["included"].any()
-    again = Exclusion("1", "real", 2, 1, "done again", "attempt 1 was done again: slipped")
+    again = Exclusion("1", "real", 2, 1, "done again", "attempt 1 was repeated: slipped")
     gone = Exclusion("3", ALL_TASKS, None, None, "withdrawn", "withdrew")
     # What nobody can act on stands last.
     assert str(nothing_left("lab", (again, *found, gone))) == approved

@@ -131,8 +131,8 @@ def test_plans_of_one_dataset_alone_say_of_which(tmp_path: Path, approved: Snaps
     said = section.paragraphs
     assert said == approved
     assert [row[1:3] for row in section.tables[1].rows if row[0] == "t against chance"] == [
-        ("virtual, real (north alone)", "0.05"),
-        ("virtual, real (south alone)", "0.01"),
+        ("virtual, real (north only)", "0.05"),
+        ("virtual, real (south only)", "0.01"),
     ]
 
 
@@ -152,7 +152,7 @@ def test_what_does_not_belong_together_is_refused(tmp_path: Path) -> None:
     other = write_dataset(tmp_path / "other", {"1": {"real": balanced(1, 4, MATERIALS[:2])}}, materials=MATERIALS[:2])
     copied = _lab(tmp_path / "copied", 1)
     for roots, why in (
-        ([north, rehearsed], "allowed: those of one origin"),
+        ([north, rehearsed], "allowed: datasets of one origin"),
         ([north, other], "got the materials glass, sand;"),
         ([north, copied], "north and copied contain the same trials of 01, 02, 03, 04 "),
         ([north, north], "the same dataset twice"),

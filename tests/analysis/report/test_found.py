@@ -118,7 +118,7 @@ def test_what_one_of_the_two_tests_shows_is_said_of_it_alone_and_stars_without_s
     (planned, *_) = files.load(shipped("okamoto2012.toml")).analysis
     told = done_of(results, planned)
     assert told == approved
-    brackets = " Exact sign flips over participants do not show stars in brackets."
+    brackets = " Exact sign-flip tests do not confirm the stars in brackets."
     assert table.notes[0].endswith(brackets)
     for section in (sections.confusion_section(results), sections.tests_section(results)):
         shown = [table for table in section.brief or section.tables if "(**)" in str(table.rows)]

@@ -31,8 +31,8 @@ def test_participants_left_out_of_a_matrix_are_named_under_it(tmp_path: Path) ->
         tuple(note for note in table.notes if "leaves out participants" in note)
         for table in _section(tmp_path, sessions).tables[:5]
     ]
-    in_virtual = ("The matrix of virtual leaves out participants who had no trial of some material: 5.",)
-    said = "The matrix of all tasks together leaves out participants who had no trial of some task or material: 5, 6."
+    in_virtual = ("The matrix of virtual leaves out participants with no trials of a material: 5.",)
+    said = "The matrix of all tasks together leaves out participants with no trials of a task or material: 5, 6."
     assert notes == [in_virtual, in_virtual, (), (), (said,)]
 
 
@@ -55,9 +55,7 @@ def test_forms_without_a_test_or_a_value_say_why(tmp_path: Path, approved: Snaps
     right = [trials([(m, m if k != i else "sand" if m != "sand" else "snow") for i, m in enumerate(MATERIALS)]
                     + [(m, "sand" if m != "sand" else "snow") for m in MATERIALS]) for k in range(3)]  # fmt: skip
     section = _section(tmp_path / "level", {str(k): {"virtual": rows} for k, rows in enumerate(right)})
-    wanted = (
-        "the variance that it is a share of is estimated as zero or less, so it is not defined; nor is the interval."
-    )
+    wanted = "its denominator variance is estimated as zero or less, so it is not defined; nor is the interval."
     assert f"ICC(1,k), ICC(2,k), ICC(3,k): {wanted}" in section.tables[1].notes
     assert section.brief[0].notes == approved
 

@@ -141,7 +141,7 @@ def test_whether_the_plan_was_sealed_is_said(root: Path, approved: SnapshotAsser
     days: dict[str, Any] = {"approved_on": date(2026, 1, 2), "expires_on": date(2027, 1, 2)}
     sealing.write(plan, protocol, approval_number="7", board=protocol.ethics.board, **days)
     (part,) = read(root).parts
-    assert part.sealed == f"sealed, approval 7 of {protocol.ethics.board}, from 2026-01-02 on"
+    assert part.sealed == f"sealed, approval 7 by {protocol.ethics.board}, valid from 2026-01-02"
     other = protocol.model_copy(update={"exclusion": ()})
     sealing.write(plan, other, approval_number="7", board=protocol.ethics.board, **days, replace=True)
     assert read(root).parts[0].sealed == approved

@@ -57,8 +57,8 @@ def test_what_limits_took_off_is_told_beside_what_was_left_out(tmp_path: Path) -
         return left_out(read(write_dataset(tmp_path / name, {"1": {"virtual": rows}})))
 
     changed = (
-        "The limits of panel and amplifier, and the response table, changed up to {} %; in all, a vibration was off by "
-        "up to {} %."
+        "The limits of panel and amplifier, and the response table, changed up to {} % of a vibration; the total "
+        "error was up to {} %."
     )
     assert changed.format("94.76", "98.00") in told("both", (0.98, 0.25), (0.25, 0.25))[0]
     # Of a stimulus of its own.
@@ -68,17 +68,17 @@ def test_what_limits_took_off_is_told_beside_what_was_left_out(tmp_path: Path) -
     assert "changed" not in told("band", (0.2501, 0.25))[0]
     assert told("table", (0.002, 0.0)) == ()
     rows = {"1": {"virtual": [played(1, "sand", 0.3, 0.0, 1.0)]}}
-    (practised,) = left_out(read(write_dataset(tmp_path / "practice", rows, origin="PRACTICE")))
+    (practiced,) = left_out(read(write_dataset(tmp_path / "practice", rows, origin="PRACTICE")))
     # Which is not about limits.
-    assert "left_out_max" not in practised
+    assert "left_out_max" not in practiced
 
 
 def test_practice_is_said_not_to_be_refused_for_what_its_rig_leaves_out(
     tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
     rows = {"1": {"virtual": [played(1, "sand", 0.3, 0.2961, 1.0)]}}
-    (practised,) = left_out(read(write_dataset(tmp_path / "practice", rows, origin="PRACTICE")))
-    assert practised == approved
+    (practiced,) = left_out(read(write_dataset(tmp_path / "practice", rows, origin="PRACTICE")))
+    assert practiced == approved
     (measured,) = left_out(read(write_dataset(tmp_path / "study", rows)))
     assert "practice" not in measured
 

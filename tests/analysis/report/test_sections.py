@@ -74,7 +74,7 @@ def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_tr
     results = compute(study, {})
     tables = confusions_section(results, study.materials, ()).tables
     (notes,) = [table.notes for table in tables if "similarity-choice" in table.title]
-    assert not any("Brackets hold" in note for note in notes)
+    assert not any("Brackets show" in note for note in notes)
     assert notes == approved
     (learning,) = [one for one in sheets(results, "") if one.name == "learning"]
     assert learning.caption == approved

@@ -125,7 +125,7 @@ def test_a_form_says_why_exactly_when_it_lacks_something(table: list[list[int]])
     ("table", "name", "why"),
     [
         ([[0, 1, 0], [1, 0, 1], [0, 1, 0], [1, 0, 1]], "ICC(1,1)", ""),
-        ([[0, 1], [1, 0]], "ICC(1,k)", "the variance that it is a share of is estimated as zero or less"),
+        ([[0, 1], [1, 0]], "ICC(1,k)", "its denominator variance is estimated as zero or less"),
         (
             [[1, 1], [2, 2], [3, 3]],
             "ICC(1,1)",
@@ -134,7 +134,7 @@ def test_a_form_says_why_exactly_when_it_lacks_something(table: list[list[int]])
         (
             [[1, 2], [2, 3], [3, 4]],
             "ICC(3,1)",
-            "there is no variance beside that of targets and raters, so F and P are not",
+            "there is no variance other than that of targets and raters, so F and P are not",
         ),
     ],
 )

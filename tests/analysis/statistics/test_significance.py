@@ -71,7 +71,7 @@ def test_one_participant_is_stated_not_computed() -> None:
 
 
 def test_nobody_is_stated_not_computed() -> None:
-    assert "nobody" in t_against_chance([], 0.25).statement
+    assert "not presented" in t_against_chance([], 0.25).statement
 
 
 @pytest.mark.parametrize(("p", "mark"), [(0.05, ""), (0.0499, "*"), (0.01, "*"), (0.0099, "**"), (0.00099, "***")])

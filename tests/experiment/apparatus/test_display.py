@@ -38,11 +38,11 @@ def test_an_empty_table_is_a_full_screen_with_words_in_english(tmp_path: Path) -
         ('[screen.keys]\nlouder = "Up"\n', r"screen\.keys\.louder: got 'Up'; allowed: a key as PsychoPy names it"),
         (
             '[screen.keys]\nlouder = "down"\n',
-            r"screen\.keys\.louder: got 'down'; allowed: another key than that of `softer`",
+            r"screen\.keys\.louder: got 'down'; allowed: a key that differs from `softer`",
         ),
         (
             '[screen.keys]\nlouder = "a"\ndone = "a"\n',
-            r"screen\.keys\.done: got 'a'; allowed: another key than that of `louder`",
+            r"screen\.keys\.done: got 'a'; allowed: a key that differs from `louder`",
         ),
         ('[screen.words]\nready = ""\n', r"screen\.words\.ready: got ''; allowed: one line of text"),
         ('[screen.words]\nready = "a\\u202Eb"\n', r"screen\.words\.ready: got .*U\+202E"),

@@ -157,7 +157,7 @@ def test_in_real_time_alone_the_session_keeps_to_a_core_and_says_which(monkeypat
         within = os.sched_getaffinity(0)
     assert os.sched_getaffinity(0) == before
     if got.startswith("real time") and len(before) > 1:
-        assert got == f"real time, on core {max(within)} alone"
+        assert got == f"real time, on core {max(within)} only"
         assert len(within) == 1
     else:
         assert within == before

@@ -101,9 +101,9 @@ def test_a_key_that_is_too_young_is_read_once_the_format_that_is_named_stands_wh
         ),
         ("stall_ms = 150", "stall_ms = 250", "line 11: tracker.stall_ms: got 250; allowed: .* at most 200"),
         ("baud = 600_000", "baud = 599_999", "line 9: tracker.baud: got 599999; allowed: at least 600000"),
-        ("counts = 400", "counts = 100", "line 14: .*counts: got 100; allowed: more than at the point before it"),
-        ("mm = -2.0", "mm = 20.0", "line 15: .*mm: got 20.0; allowed: less than at the point before it"),
-        ("mm = -2.0", "mm = 70.0", "line 15: .*mm: got 70.0; allowed: less than at the point before it"),
+        ("counts = 400", "counts = 100", "line 14: .*counts: got 100; allowed: more than at the previous point"),
+        ("mm = -2.0", "mm = 20.0", "line 15: .*mm: got 20.0; allowed: less than at the previous point"),
+        ("mm = -2.0", "mm = 70.0", "line 15: .*mm: got 70.0; allowed: less than at the previous point"),
         ("mm = -2.0", "mm = nan", "line 15: .*mm: got nan; allowed: a number"),
         ("4711", "471100", "line 20: actuator.address: got '127.0.0.1:471100'; allowed: host:port"),
         ("4711", "70000", "line 20: actuator.address: got .*; allowed: host:port with a port from 1 to 65535"),
@@ -152,14 +152,14 @@ def test_a_device_takes_accelerations_or_volts(write: Write) -> None:
             GOOD.replace("full_scale_m_s2 = 60.0\n", ""),
             r"actuator\.full_scale_m_s2: got nothing; allowed: .*exactly one",
         ),
-        (GOOD + "high_hz = 600.0\n", r"low_hz: got nothing; allowed: low_hz and high_hz, or neither of them"),
+        (GOOD + "high_hz = 600.0\n", r"low_hz: got nothing; allowed: both low_hz and high_hz, or neither"),
         (
             GOOD + "low_hz = 10.0\nhigh_hz = 9.0\n",
             r"high_hz: got 9\.0; allowed: a number greater than low_hz \(10\.0\)",
         ),
         (
             VOLTS.replace("[actuator.shaping]", "low_hz = 10.0\nhigh_hz = 600.0\n[actuator.shaping]"),
-            r"low_hz: got 10\.0; allowed: no low_hz and high_hz beside \[actuator\.shaping\]",
+            r"low_hz: got 10\.0; allowed: no low_hz or high_hz with \[actuator\.shaping\]",
         ),
         (
             VOLTS.replace("bench-2.csv", "../bench-2.csv"),
@@ -216,7 +216,7 @@ def test_a_file_without_an_actuator_is_shown_a_line_that_will_do(write: Write) -
     with pytest.raises(RigError) as refused:
         rigs.load(write(without))
     (problem,) = (one for one in str(refused.value).splitlines() if "actuator: got nothing" in one)
-    assert rigs.load(write(problem.partition("will do: ")[2] + "\n" + without)).actuator.rate_hz == 5000
+    assert rigs.load(write(problem.partition("above the tables: ")[2] + "\n" + without)).actuator.rate_hz == 5000
 
 
 def test_every_problem_is_reported_at_once_one_a_line(write: Write) -> None:
@@ -342,7 +342,7 @@ def test_the_date_of_a_rig_file_that_nobody_calibrated_is_told_as_that() -> None
     audio = rigs.load(shipped("rigs/laboratory.toml")).audio
     assert audio is not None
     for calibrated in (audio.latency, audio.headphones):
-        with pytest.raises(RigError, match=r"got 2000-01-01, the date of a rig file that nobody has calibrated yet"):
+        with pytest.raises(RigError, match=r"got 2000-01-01, the placeholder date of an uncalibrated rig file"):
             rigs.check_age(calibrated, date(2026, 5, 4))
 
 

@@ -206,7 +206,7 @@ def test_a_protocol_that_comes_with_palpate_is_named_by_its_id_and_a_file_goes_b
         *(
             (
                 list(words),
-                "'okamoto': got neither a file nor the id of a protocol that comes with palpate; allowed: a "
+                "'okamoto': this is not a file or the id of a protocol that comes with palpate; allowed: a "
                 f"protocol file, or {SHIPPED}; name one of these",
             )
             for words in [
@@ -265,9 +265,7 @@ def test_a_fault_in_palpate_itself_is_one_line_too(palpate: Palpate, monkeypatch
     report.unlink()
 
 
-@pytest.mark.parametrize(
-    ("error", "said"), [(MemoryError, "more memory than there is"), (RecursionError, "too deeply")]
-)
+@pytest.mark.parametrize(("error", "said"), [(MemoryError, "not enough memory"), (RecursionError, "too deeply")])
 def test_too_much_is_one_line_and_no_fault(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch, error: type[Exception], said: str
 ) -> None:
@@ -431,7 +429,7 @@ class TestALaboratorysStudy:
             assert anywhere(out + err, protocol.parent) == approved
         assert palpate(*again, "--replace", "--yes")[0] == 0
         assert anywhere(palpate(*again, "--yes")[2], protocol.parent) == approved
-        sealed = "SEALED: this version is approved; compare what the seal says with the board's letter."
+        sealed = "SEALED: this version is approved. Compare the seal with the board's letter."
         _, told = palpate("check", protocol)[1].split(f"\n{sealed}\n")
         assert "  Approval number\n                   | 18 \u05d0\n" in told
         known = json.loads(palpate("check", protocol, "--json")[1])
@@ -535,7 +533,7 @@ class TestALaboratorysStudy:
         code, out, _ = palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")
         assert code == 0
         assert anywhere(out, tmp_path) == approved
-        assert "nothing is known" in palpate(*person, root, "--show")[1]
+        assert "nothing is stored" in palpate(*person, root, "--show")[1]
         holding = [path for path in tmp_path.rglob("*") if path.is_file() and b"Quux" in path.read_bytes()]
         assert holding == []
         type_lines()

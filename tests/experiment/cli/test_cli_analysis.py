@@ -19,7 +19,7 @@ def test_a_shipped_study_by_its_id(palpate: Palpate) -> None:
     code, out, err = palpate("audit", "okamoto2012")
     assert (code, err) == (0, "")
     assert "Cohen's d = 1.52" in " ".join(out.split())
-    assert out.index("Table 1, virtual") < out.index("What does not")
+    assert out.index("Table 1, virtual") < out.index("Does not agree")
 
 
 def test_one_json_document_and_nothing_else(palpate: Palpate) -> None:
@@ -82,7 +82,7 @@ def test_trials_of_another_program_are_imported_analysed_and_exported(palpate: P
     assert "IMPORTED" in (tmp_path / "tables" / "trials.csv").read_text()
     code, out, _ = palpate("verify", tmp_path / "lab")
     assert code == 0
-    assert "what was imported" in out
+    assert "imported answers" in out
     bad = palpate("import-trials", file, *columns, "--study", "lab", "--out", tmp_path / "other")
     assert (bad[0], bad[1]) == (2, "")
     assert f"line 2 of {file}" in bad[2]

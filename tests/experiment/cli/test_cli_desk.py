@@ -89,7 +89,7 @@ def test_why_a_session_did_not_begin_is_told_and_stays_nowhere(
     class Refused(Process):
         def __init__(self, command: list[str], *, stdout: BinaryIO, **_: Any) -> None:
             super().__init__(command)
-            stdout.write(b"palpate: participant 02 withdrew (was cold) and is not run again\n")
+            stdout.write(b"palpate: participant 02 withdrew (was cold) and can no longer take part\n")
             stdout.flush()
 
         def poll(self) -> int:
@@ -136,7 +136,7 @@ def test_a_pilot_is_told_from_a_study_before_its_first_session(
     assert (view.label, view.study, view.participant) == (label, protocol.study.id, "03")
 
 
-def test_what_was_practised_stands_for_a_study_that_nobody_is_enrolled_in(
+def test_what_was_practiced_stands_for_a_study_that_nobody_is_enrolled_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[Path] = []
@@ -149,13 +149,13 @@ def test_what_was_practised_stands_for_a_study_that_nobody_is_enrolled_in(
     monkeypatch.setattr("palpate.experiment.dataset.status.status", status)
     file = Path("small.toml")
     file.write_text(SMALL, "utf-8")
-    practised = Path("participants/practice-small")
-    for folder in (None, practised, Path("participants/small")):
+    practiced = Path("participants/practice-small")
+    for folder in (None, practiced, Path("participants/small")):
         if folder is not None:
             folder.mkdir(parents=True)
         with pytest.raises(DatasetError, match="read no further"):
             status_of(file)
-    assert asked == [file, practised, file]
+    assert asked == [file, practiced, file]
 
 
 @pytest.mark.parametrize("command", [("run", "okamoto2012", "--practice"), ("desk", "okamoto2012")])
@@ -178,10 +178,13 @@ def test_nothing_opens_where_the_screen_would_be_drawn_into_a_file(
     ("command", "told"),
     [
         (("new", "none.txt"), "A new protocol."),
-        (("rehearse", "--participants", "16"), "REHEARSAL: the simulated laboratory is being set up ..."),
-        (("run", "okamoto2012", "--lines", "--practice", "--task", "x"), "Opening the session of PRACTICE, with a "),
-        (("screen", "okamoto2012", "--rig", "none.toml"), "The participant's screen opens; that takes some seconds."),
-        (("status", "none"), "Reading the study; that takes some seconds."),
+        (("rehearse", "--participants", "16"), "REHEARSAL: setting up the simulated laboratory ..."),
+        (("run", "okamoto2012", "--lines", "--practice", "--task", "x"), "Opening the PRACTICE session, with a "),
+        (
+            ("screen", "okamoto2012", "--rig", "none.toml"),
+            "Opening the participant's screen; this takes a few seconds.",
+        ),
+        (("status", "none"), "Reading the study; this takes a few seconds."),
     ],
 )
 @pytest.mark.parametrize("terminal", [True, False])
@@ -213,7 +216,7 @@ def test_sentences_end_their_lines_between_words(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = (
-        "The session is paused, with 1 answer on disk. The same command goes on with it, today or tomorrow.\nHash: "
+        "The session is paused, with 1 answer on disk. To continue it, run the same command, today or tomorrow.\nHash: "
         + "0" * 90
     )
     for columns, lines in (("80", 4), ("2000", 2)):

@@ -66,7 +66,7 @@ def test_fresh_takes_from_a_folder(recorded: Path, tmp_path: Path, protocol: Pat
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--speeds", "400,150"], "speeds: got 400, 150 mm/s; allowed: 10 to 10000, each above the one before"),
+        (["--speeds", "400,150"], "speeds: got 400, 150 mm/s; allowed: 10 to 10000, each above the previous one"),
         (["--speeds", "100,10001"], "speeds: got 100, 10001 mm/s; allowed: 10 to 10000"),
         (["--speeds", "slow"], "--speeds: got 'slow'; allowed: numbers and commas"),
         (["--takes", "0"], "takes: got 0; allowed: 1 to 100"),

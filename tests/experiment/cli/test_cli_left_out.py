@@ -63,8 +63,8 @@ def test_check_refuses_it_below_the_boards_page(tmp_path: Path, recordings: Path
 @pytest.mark.parametrize(
     ("most", "told"),
     [
-        (None, "sets no limit on what a rig leaves out of a vibration. Name the folder of recordings (--recordings)"),
-        (0.3, "okamoto2012/stimuli/recordings has no recordings; name their folder (--recordings)"),
+        (None, "sets no limit on what a rig leaves out of a vibration. To see what is left out, give the recordings"),
+        (0.3, "okamoto2012/stimuli/recordings has no recordings; give their folder (--recordings)"),
     ],
 )
 def test_check_asks_for_recordings_that_are_not_there_yet(
@@ -80,7 +80,9 @@ def test_check_asks_for_recordings_that_are_not_there_yet(
 def test_the_page_on_paper_says_what_a_rig_leaves_out(tmp_path: Path, recordings: Path, most: float, told: str) -> None:
     page = tmp_path / "page.html"
     call("check", allowing(tmp_path, most), "--rig", RIG, "--recordings", recordings, "--html", page)
-    protocol, _, of_rig = page.read_text("utf-8").partition("<h2>Of a rig; no part of the protocol or its seal</h2>")
+    protocol, _, of_rig = page.read_text("utf-8").partition(
+        "<h2>About the rig (not part of the protocol or its seal)</h2>"
+    )
     assert re.search(told, html.unescape(of_rig))
     assert f"more than {most:.1%} of".replace(".0%", "%").replace("%", " %") in " ".join(protocol.split())
 
@@ -103,8 +105,8 @@ def test_check_says_whether_a_virtual_block_pushes_along_its_face(tmp_path: Path
         "utf-8",
     )
     for rig, told in (
-        (shipped("rigs/tapping.toml"), "The tracker is planar: the block pushes along the face."),
-        (one, "The tracker is not planar: nothing pushes along the face."),
+        (shipped("rigs/tapping.toml"), "The tracker is planar: the block pushes along the surface."),
+        (one, "The tracker is not planar: nothing pushes along the surface."),
     ):
         assert call("check", shipped("wellman1995.toml"), "--rig", rig).stdout.rstrip().endswith(told)
 
@@ -135,7 +137,7 @@ def test_check_shows_what_the_screen_of_a_rig_says_in_other_words_than_palpates(
     told = call("check", shipped("okamoto2012.toml"), "--rig", rig)
     assert re.search(rf"\n  ready +\| {said}\n$", told.stdout)
     call("check", shipped("okamoto2012.toml"), "--rig", rig, "--html", tmp_path / "page.html")
-    assert said in (tmp_path / "page.html").read_text("utf-8").partition("Of a rig;")[2]
+    assert said in (tmp_path / "page.html").read_text("utf-8").partition("About the rig")[2]
     asked = ("check", shipped("okamoto2012.toml"), "--json", "--rig")
     assert json.loads(call(*asked, rig).stdout)["rig"]["words"] == {"ready": said}
     assert json.loads(call(*asked, RIG).stdout)["rig"]["words"] == {}
@@ -168,9 +170,9 @@ def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> N
     assert result.exit_code == 0
     told = re.search(
         r"Rig 'rehearsal': at most 34\.\d\d% \(rms\) of copy .* is left out of these SIMULATED recordings; limits of "
-        r"panel and amplifier take up to \d+\.\d% \(rms\) off .*\. The protocol allows 50%; "
-        r"palpate plan says what would lower this\. The limits of panel \(30 m/s\^2\) and amplifier scale vibrations "
-        r"down: .* mm/s on, to \d+% at \d+ mm/s.*\. The recordings are those in (.*)\.\n$",
+        r"panel and amplifier remove up to \d+\.\d% \(rms\) of .*\. The protocol allows 50%; palpate "
+        r"plan shows how to lower this\. The limits of the panel \(30 m/s\^2\) and the amplifier scale vibrations "
+        r"down: .* mm/s up, to \d+% at \d+ mm/s.*\. The recordings are in (.*)\.\n$",
         result.stdout,
     )
     assert told is not None
@@ -179,13 +181,13 @@ def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> N
     assert (result.exit_code, "sets no limit" in result.stdout) == (0, True)
     result = call("check", allowing(tmp_path, None), "--rig", RIG, "--recordings", recordings)
     assert "sets no limit" in result.stdout
-    assert f" in {recordings}.\n" in result.stdout
+    assert f" from {recordings}.\n" in result.stdout
 
 
 def test_check_of_a_rig_without_recordings_says_that_there_are_none(tmp_path: Path) -> None:
     result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", tmp_path / "none")
     assert isinstance(result.exception, RecordingError)
-    assert "name another folder" in str(result.exception)
+    assert "give another folder" in str(result.exception)
 
 
 def looked(protocol: Path | None, recordings: Path | None, dataset: Path | None = None) -> list[Finding]:
@@ -196,8 +198,8 @@ def test_the_doctor_is_red_for_it(tmp_path: Path, recordings: Path) -> None:
     (red,) = looked(allowing(tmp_path, 0.3), recordings)
     assert (red.check, red.verdict) == ("left out", "refuses")
     assert re.search(TOLD.partition("; allowed")[0], red.what)
-    assert red.allowed.startswith("30%, by ")
-    assert "below 10 Hz (then 21." in str(red.remedy)
+    assert red.allowed.startswith("30% (")
+    assert "leaves out 21." in str(red.remedy)
     (green,) = looked(allowing(tmp_path, 0.5), recordings)
     assert (green.verdict, green.allowed) == ("passes", "50%")
     assert green.what.startswith("at most 34.")

@@ -81,7 +81,7 @@ def test_a_step_that_the_model_itself_has_the_other_way_is_told(palpate: Palpate
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--participants", "5-3"), "--participants: got '5-3'; allowed: whole numbers and rising ranges"),
+        (("--participants", "5-3"), "--participants: got '5-3'; allowed: whole numbers and ascending ranges"),
         (("--participants", "many"), "--participants: got 'many'; allowed"),
         (("--participants", ""), "--participants: got ''; allowed"),
         (("--alpha", "1"), "--alpha: got 1.0; allowed: a number between 0 and 1"),
@@ -90,7 +90,7 @@ def test_a_step_that_the_model_itself_has_the_other_way_is_told(palpate: Palpate
         (("--studies", "0"), "--studies: got 0; allowed"),
         (("--model", "nobody"), "--model nobody: got no model of that name"),
         (("--model", "no.toml"), "no such file"),
-        (("--looks", "5"), "--looks: got 5; allowed: two or more rising numbers of participants"),
+        (("--looks", "5"), "--looks: got 5; allowed: two or more increasing numbers of participants"),
         (("--looks", "many"), "--looks: got 'many'; allowed"),
         (("--looks", "5,8", "--rule", "guess"), "--rule: got guess; allowed: obrien-fleming, pocock, bayes"),
         (("--looks", "5,8", "--alike", "2"), "--alike: got 2.0; allowed: a number from 0 to 1"),

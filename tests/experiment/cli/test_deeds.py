@@ -93,15 +93,15 @@ def test_a_protocol_with_errors_is_edited_or_checked(folder: Path) -> None:
     assert len(scene.deed("seal").refuses) > 1
 
 
-def test_a_new_protocol_is_practised_and_filled_in_before_anybody_is_enrolled(folder: Path, palpate: Palpate) -> None:
+def test_a_new_protocol_is_practiced_and_filled_in_before_anybody_is_enrolled(folder: Path, palpate: Palpate) -> None:
     (folder / "mystudy.toml").write_text(new_protocol(NewStudy()), "utf-8")
     scene = deeds.scene(Place.here())
-    assert possible(scene) == {"new", "edit", "check", "rig", "pilot", "practise"}
+    assert possible(scene) == {"new", "edit", "check", "rig", "pilot", "practice"}
     assert {name: first(scene)[name] for name in ("seal", "enrol", "begin")} == dict.fromkeys(
         ("seal", "enrol", "begin"), "edit"
     )
     assert len(scene.deed("begin").refuses) == 3
-    assert scene.next == "practise"
+    assert scene.next == "practice"
     # The command refuses as well, and burns no dataset's name.
     assert palpate("enrol", "mystudy.toml", "-p", "01")[0] == 2
     assert [*folder.iterdir()] == [folder / "mystudy.toml"]
@@ -110,7 +110,7 @@ def test_a_new_protocol_is_practised_and_filled_in_before_anybody_is_enrolled(fo
 def test_a_study_goes_from_its_seal_to_its_first_session(folder: Path, small: Path, palpate: Palpate) -> None:
     seal(small)
     scene = deeds.scene(Place.here())
-    assert scene.next == "practise"
+    assert scene.next == "practice"
     assert {"enrol", "rig"} <= possible(scene)
     assert scene.deed("seal").refuses
     assert first(scene)["begin"] == "rig"
@@ -194,8 +194,8 @@ def test_what_only_looks_or_is_refused_writes_nothing(folder: Path, small: Path,
     assert files.load(storage.protocol_path(root)).study.title == "A draft"
 
 
-def practised(file: Path, repetitions: int | None, *tasks: str, version: str = "") -> Path:
-    """Have the first participant's tasks practised, or one begun of another version of the protocol."""
+def practiced(file: Path, repetitions: int | None, *tasks: str, version: str = "") -> Path:
+    """Have the first participant's tasks practiced, or one begun of another version of the protocol."""
     folder = practice_folder(file, repetitions)
     plan = storage.plan_path(folder)
     plan.parent.mkdir(parents=True, exist_ok=True)
@@ -210,9 +210,9 @@ def practised(file: Path, repetitions: int | None, *tasks: str, version: str = "
 
 @pytest.mark.parametrize("repetitions", [None, 1, 2])
 def test_practice_of_an_older_version_is_left_where_it_is(small: Path, repetitions: int | None) -> None:
-    old = practised(small, repetitions, version="of another version")
+    old = practiced(small, repetitions, version="of another version")
     assert practice_folder(small, repetitions) == old.with_name(f"{old.name}-2")
-    assert practised(small, repetitions) == practised(small, repetitions) == old.with_name(f"{old.name}-2")
+    assert practiced(small, repetitions) == practiced(small, repetitions) == old.with_name(f"{old.name}-2")
 
 
 def test_the_first_practice_is_short_and_the_next_whole(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -228,24 +228,24 @@ def test_the_first_practice_is_short_and_the_next_whole(small: Path, monkeypatch
     monkeypatch.setattr("palpate.experiment.cli.desk.study.journal.read_if_begun", begun)
 
     def proposed() -> tuple[str, ...]:
-        return tuple(field.text for field in deeds.scene(Place.here()).deed("practise").fields)
+        return tuple(field.text for field in deeds.scene(Place.here()).deed("practice").fields)
 
     first, second = allocate(files.load(small), PRACTICE_SEED)[0].tasks
     assert proposed() == ("1", first, "01")
     few, many = trials[first]
-    assert f"{few} of {many} trials" in deeds.scene(Place.here()).deed("practise").does
+    assert f"{few} of {many} trials" in deeds.scene(Place.here()).deed("practice").does
     for task, then in ((first, ("1", second, "01")), (second, ("", first, "01"))):
-        complete.add(storage.journal_path(practised(small, 1, task), "01", task))
+        complete.add(storage.journal_path(practiced(small, 1, task), "01", task))
         assert proposed() == then
     complete.clear()
     assert deeds.scene(Place.here()).deed("analyse").command[-1] == str(practice_folder(small, 1))
     assert proposed()[0] == "1"
-    practised(small, None, first)
+    practiced(small, None, first)
     # What is under way is continued.
     assert proposed() == ("", first, "01")
     with pytest.raises(PalpateError):
-        deeds.scene(Place.here()).deed("practise").line(("0", "", "01"))
-    line = deeds.scene(Place.here()).deed("practise").line(("2", "", "01"))
+        deeds.scene(Place.here()).deed("practice").line(("0", "", "01"))
+    line = deeds.scene(Place.here()).deed("practice").line(("2", "", "01"))
     assert line[2:] == ("small.toml", "--practice", "--repetitions", "2", "--participant", "01")
 
 
@@ -433,7 +433,7 @@ def at_desk(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> Callable[[Iter
     return at
 
 
-def test_from_an_empty_folder_to_a_practised_session_in_the_desk_alone(
+def test_from_an_empty_folder_to_a_practiced_session_in_the_desk_alone(
     at_desk: Callable[[Iterator[tuple[str, ...]]], list[str]],
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

@@ -229,8 +229,11 @@ def test_a_journal_presents_what_its_task_presents(tmp_path: Path) -> None:
 def test_what_is_no_dataset_is_named_as_it_was_typed(tmp_path: Path, palpate: Palpate, command: str) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "empty").mkdir()
-    for name, what in (("file", "is no folder"), ("absent", "is no folder"), ("empty", "holds no study")):
-        said = f"palpate: {tmp_path / name}: {what}; allowed: the folder of a study's dataset, which holds sourcedata; "
+    empty = "does not contain a study"
+    for name, what in (("file", "is not a folder"), ("absent", "is not a folder"), ("empty", empty)):
+        said = (
+            f"palpate: {tmp_path / name}: {what}; allowed: the folder of a study's dataset, which contains sourcedata; "
+        )
         code, out, err = palpate(command, tmp_path / name)
         assert (code, out, err.startswith(said), err.count("\n")) == (2, "", True, 1)
 
@@ -278,7 +281,7 @@ def test_a_moment_that_no_clock_tells_is_refused_though_its_journal_was_chained_
     writer.close()
     for code, *command in ((1, "verify"), (2, "build"), (2, "analyse", "--out", tmp_path / "out")):
         got, shown, err = palpate(*command[:1], study.root, *command[1:])
-        assert (got, "is no journal entry that this palpate knows" in shown + err) == (code, True)
+        assert (got, "is not a journal entry that this version of palpate" in shown + err) == (code, True)
 
 
 def test_an_entry_that_cannot_be_read_is_named_and_every_answer_beside_it_is_shown(
@@ -307,7 +310,7 @@ def test_a_first_task_that_was_edited_is_mended_as_the_error_says(made: MadeStud
     before = people.read_bytes()
     first, other = (task.encode() for task in study.tasks[0].tasks)
     people.write_bytes(before.replace(b"sub-01\t" + first, b"sub-01\t" + other))
-    with pytest.raises(DatasetError, match=r"participants\.tsv was edited: delete that, and make it again"):
+    with pytest.raises(DatasetError, match=r"participants\.tsv was edited; delete it"):
         build.build(study.root)
     people.unlink()
     build.build(study.root)
@@ -322,13 +325,13 @@ def test_tables_with_nothing_behind_them_prove_nothing_and_are_analysed_with_a_n
     act(study, tmp_path)
     code, shown, err = palpate("verify", study.root)
     assert (code, err) == (1, "")
-    told = "sourcedata: holds no journal, and the tables say PARTICIPANT; restore it from a backup"
+    told = "sourcedata: has no journals, although the tables are labeled PARTICIPANT; restore it from a backup"
     assert told in " ".join(shown.split())
     assert "REFUSED: 1 finding " in shown
     assert palpate("build", study.root)[0] == 2
     code, _, err = palpate("export", study.root, "--out", tmp_path / "out")
     assert code == 0
-    assert f"{study.root}: no journal stands behind these tables, so a changed cell would not show\n" in err
+    assert f"{study.root}: these tables have no journals, so palpate cannot detect a changed cell\n" in err
 
 
 def withdraw(study: MadeStudy, reason: str = "asked to stop") -> None:
@@ -360,7 +363,7 @@ def test_a_withdrawal_that_was_killed_is_finished_by_the_same_command(
         with pytest.raises(KeyboardInterrupt):
             withdraw(study)
     assert not withdrawn(study)
-    with pytest.raises(RosterError, match="the reason on record is 'asked to stop'; give that one"):
+    with pytest.raises(RosterError, match="give the reason on record: 'asked to stop'"):
         withdraw(study, "another reason")
     for _ in range(2):
         withdraw(study)
@@ -391,7 +394,7 @@ def test_a_pilot_is_no_data_of_the_study_and_says_so_everywhere(tmp_path: Path) 
     enrolling.enrol(pilot.file, "04", DAY, root=pilot.root, seed=None, pilot=True)
     assert enrolment.purpose_of(pilot.root) == "PILOT"
     study = make_study(tmp_path / "study", sessions=0)
-    with pytest.raises(DatasetError, match="was begun as a STUDY, not as a PILOT; name another"):
+    with pytest.raises(DatasetError, match="as a STUDY, not as a PILOT; give"):
         enrolling.enrol(study.file, "03", DAY, root=study.root, seed=None, pilot=True)
     assert list(roster.Roster.load(storage.roster_path(study.root)).consent_on) == ["01", "02"]
 

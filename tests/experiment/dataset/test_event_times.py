@@ -270,7 +270,7 @@ def test_a_planar_trace_keeps_the_place_along_the_face_as_a_column(tmp_path: Pat
     sidecar = json.loads(table.with_name(table.name.removesuffix(".tsv.gz") + ".json").read_text())
     assert sidecar["Columns"] == ["foot_height", "foot_along"]
     assert sidecar["foot_along"] == {
-        "Description": "Place of the sole along the face, as the planar tracker was calibrated.",
+        "Description": "Position of the sole along the face, from the calibrated planar tracker.",
         "Units": "mm",
     }
     with gzip.open(table, "rt") as file:

@@ -77,7 +77,7 @@ def test_a_roster_is_anchored_before_the_first_session(tmp_path: Path) -> None:
 
 def test_a_register_is_no_other_file(dataset: Path, tmp_path: Path) -> None:
     (tmp_path / "notes").write_text("mine", "utf-8")
-    with pytest.raises(DatasetError, match="holds no anchor, so it is no register"):
+    with pytest.raises(DatasetError, match="is not a register: it has no anchors"):
         register.enter(checks.anchor(dataset), dataset, tmp_path / "notes", None)
     assert (tmp_path / "notes").read_text("utf-8") == "mine"
 
@@ -150,7 +150,8 @@ def test_no_older_state_is_anchored_beside_a_newer_one(tmp_path: Path) -> None:
     register.enter(checks.anchor(study.root), study.root, to, None)
     known = to.read_bytes()
     with pytest.raises(
-        DatasetError, match=r"register: holds another state of this dataset: up to line \d+, .*_journal.jsonl is not"
+        DatasetError,
+        match=r"a different state of this dataset: the first \d+ lines of .*_journal.jsonl differ",
     ):
         register.enter(checks.anchor(backup), backup, to, None)
     assert to.read_bytes() == known
@@ -166,6 +167,6 @@ def test_anchors_survive_json(dataset: Path) -> None:
 
 def test_a_pipe_is_no_key_and_nothing_waits_for_it(dataset: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "key")
-    with pytest.raises(DatasetError, match="key: is no file; allowed: a private SSH key"):
+    with pytest.raises(DatasetError, match="key: is not a file; allowed: a private SSH key"):
         register.enter(checks.anchor(dataset), dataset, tmp_path / "register", tmp_path / "key")
     assert not (tmp_path / "register").exists()

@@ -68,7 +68,7 @@ def test_every_participant_has_one_state(made: MadeStudy) -> None:
     }
     assert (found.planned, found.erased, found.to_enrol, found.doubts) == (15, frozenset({"05"}), "08", ())
     assert [one.standing for one in found.those("under way")] == [
-        "02 is between tasks: task 2 of 2 comes next.",
+        "02 is between tasks; task 2 of 2 is next.",
         f"04, {made.tasks[3].tasks[0]} (task 1 of 2), is paused: 2 of 4 trials remain.",
     ]
     clock, reminder = found.reminders
@@ -112,7 +112,7 @@ def test_the_screen_is_one_of_80_columns(made: MadeStudy, palpate: Palpate) -> N
     assert "06, task 1 of 2; the order of their tasks is concealed." in out
     # 03 withdrew from an order; 05, whose journals are gone, from none that is known.
     counted = {line[:34].strip(): line[34:].split() for line in out.splitlines()}
-    assert counted["no session (erased, or none begun)"] == ["0", "0", "1", "0", "0"]
+    assert counted["no session (erased or never begun)"] == ["0", "0", "1", "0", "0"]
     assert counted["all"] == ["4", "2", "2", "1", "0"]
 
 
@@ -149,16 +149,16 @@ def test_a_session_without_an_end_is_told(study: MadeStudy) -> None:
     found = status(study.root, DAY)
     assert states(found)["04"] == "under way"
     told = [one.what for one in found.reminders]
-    assert any("04: the session of task" in one and "palpate run goes on with it" in one for one in told)
+    assert any("04: the session of task" in one and "palpate run continues it" in one for one in told)
 
 
 def test_what_speaks_against_the_evidence_is_told_and_the_exit_code_is_1(study: MadeStudy, palpate: Palpate) -> None:
     study.journal(0).unlink()
     code, out, _ = palpate("status", study.root)
     assert code == 1
-    assert "AGAINST THE EVIDENCE" in out
+    assert "PROBLEMS IN THE DATA" in out
     assert "1 doubted" in out
-    assert "of those done: not known." in out
+    assert "Complete but excluded by the protocol's rules: not known." in out
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_what_speaks_against_the_evidence_is_told_and_the_exit_code_is_1(study: 
         (date(2098, 12, 1), None),
         (
             date(2098, 12, 2),
-            "The approval ends on 2099-01-01; have it renewed, seal the protocol again, then run palpate amend.",
+            "The approval ends on 2099-01-01; renew it, seal the protocol again, then run palpate amend.",
         ),
         (date(2099, 1, 2), "palpate seal PROTOCOL"),
     ],
@@ -185,27 +185,31 @@ def test_a_disk_that_is_nearly_full_is_told(made: MadeStudy, monkeypatch: pytest
 
 def test_a_protocol_file_leads_to_its_default_folder(study: MadeStudy, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(study.file.parent)
-    with pytest.raises(DatasetError, match="participants/okamoto2012: holds no study; allowed: the dataset of one"):
+    with pytest.raises(
+        DatasetError, match="participants/okamoto2012: does not contain a study; allowed: the dataset of a study"
+    ):
         status(study.file, DAY)
     shutil.copytree(study.root, "participants/okamoto2012")
     assert states(status(study.file, DAY)) == states(status(study.root, DAY))
     study.file.write_text(study.file.read_text("utf-8").replace("min_s = 0", "min_s = 1"))
-    assert any("another version of the protocol" in one.what for one in status(study.file, DAY).reminders)
+    assert any("dataset's version" in one.what for one in status(study.file, DAY).reminders)
 
 
 def test_before_the_first_session_the_seal_is_beside_the_protocol(tmp_path: Path) -> None:
     study = make_study(tmp_path / "study", sessions=0)
     (study.root / "sourcedata" / "protocol.seal.toml").unlink()
     found = status(study.root, DAY)
-    assert found.seal.startswith("No session has begun, so no seal is kept here")
+    assert found.seal.startswith("No session has begun, so this folder has no seal yet")
     assert (len(found.reminders), found.orders()) == (1, {})
     assert [name for name, _ in found.flow()[1]] == ["Enrolment", "Analysis"]
 
 
 def test_a_pilot_says_so_first_and_a_reconstruction_is_no_study(tmp_path: Path, repository_root: Path) -> None:
     study = make_study(tmp_path / "study", pilot=True, sessions=1)
-    assert status(study.root, DAY).text().startswith("PILOT - participants in the room, no data of the study")
-    with pytest.raises(DatasetError, match=r"okamoto2012: holds no study; .* it holds only counts from print"):
+    assert status(study.root, DAY).text().startswith("PILOT - real participants, but not study data")
+    with pytest.raises(
+        DatasetError, match=r"okamoto2012: does not contain a study; .* it contains only counts from a publication"
+    ):
         status(repository_root / "participants" / "okamoto2012", DAY)
 
 
@@ -220,14 +224,14 @@ def test_a_rehearsal_says_so_first_and_needs_no_seal(tmp_path: Path) -> None:
     assert (found.planned, found.to_enrol, found.reminders) == (3, None, ())
     first, second, *_ = found.text().splitlines()
     assert first.startswith("REHEARSAL - simulated participants: okamoto2012: ")
-    assert second == "Nobody has to approve a simulation."
+    assert second == "A simulation needs no approval."
 
 
 def test_the_flow_adds_up_and_puts_nobody_in_an_order_before_they_begin(made: MadeStudy) -> None:
     found = status(made.root, DAY)
     aside, stages = found.flow()
     assert aside.splitlines() == [
-        "In no order below: n = 3",
+        "Not in any order below: n = 3",
         "to begin: 2",
         "withdrew before beginning: 0",
         "withdrew, data erased: 1",
@@ -240,9 +244,9 @@ def test_the_flow_adds_up_and_puts_nobody_in_an_order_before_they_begin(made: Ma
     ]
     assert began == ends
     assert sum(began) == 4
-    assert boxes["Analysis"] == ("Can be analysed: n = 1",)
+    assert boxes["Analysis"] == ("Available for analysis: n = 1",)
     unknown = dict(replace(found, excluded=None).flow()[1])
-    assert unknown["Analysis"] == ("Can be analysed: at most n = 1",)
+    assert unknown["Analysis"] == ("Available for analysis: at most n = 1",)
 
 
 @pytest.mark.parametrize(("name", "begins"), [("flow.svg", b"<?xml"), ("flow.PNG", b"\x89PNG"), ("flow.pdf", b"%PDF")])
@@ -288,14 +292,17 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
     ("today", "said"),
     [
         (date(2003, 2, 6), ()),
-        (date(2003, 2, 7), ("The data of participants 01, 02 may be kept until 2003-03-09, as the protocol says",)),
-        (date(2003, 3, 9), ("The data of participants 01, 02 may be kept until 2003-03-09, as the protocol says",)),
-        (date(2003, 3, 10), ("OVERDUE: the data of participants 01, 02 were to be kept until 2003-03-09",)),
+        (date(2003, 2, 7), ("The protocol allows data of participants 01, 02 to be kept until 2003-03-09",)),
+        (date(2003, 3, 9), ("The protocol allows data of participants 01, 02 to be kept until 2003-03-09",)),
+        (
+            date(2003, 3, 10),
+            ("OVERDUE: the protocol allowed data of participants 01, 02 to be kept only until 2003-03-09",),
+        ),
     ],
 )
 def test_it_is_told_when_data_are_due_to_be_deleted(kept: MadeStudy, today: date, said: tuple[str, ...]) -> None:
     found = status(kept.root, today)
-    reminders = [one for one in found.reminders if "kept until" in one.what]
+    reminders = [one for one in found.reminders if "to be kept" in one.what]
     assert [one.what[: len(start)] for one, start in zip(reminders, said, strict=True)] == list(said)
     assert all(isinstance(one.remedy, Remedy) and "--erase" in one.remedy.command for one in reminders)
     told = [one.sentence() for one in reminders]
@@ -318,7 +325,7 @@ def test_an_older_roster_speaks_against_the_evidence(study: MadeStudy, palpate: 
     chain.head_path(path).write_text(f"{len(lines):012d} {last}\n", "utf-8")
     assert [(one.check, one.where) for one in status(study.root, DAY).doubts][:1] == [("anchors", path)]
     code, out, err = palpate("status", study.root)
-    assert (code, err, "AGAINST THE EVIDENCE" in out) == (1, "", True)
+    assert (code, err, "PROBLEMS IN THE DATA" in out) == (1, "", True)
 
 
 def test_a_figure_replaces_a_figure_of_palpate_and_nothing_else(
@@ -329,7 +336,7 @@ def test_a_figure_replaces_a_figure_of_palpate_and_nothing_else(
         assert palpate("status", made.root, "--figure", tmp_path / f"flow.{kind}")[0] == 0
     other.write_text("<svg>made with palpate</svg>", "utf-8")
     code, _, err = palpate("status", made.root, "--figure", other)
-    assert (code, "palpate did not make it" in err, other.read_text("utf-8")) == (
+    assert (code, "not made by palpate" in err, other.read_text("utf-8")) == (
         2,
         True,
         "<svg>made with palpate</svg>",

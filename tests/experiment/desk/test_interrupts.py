@@ -224,7 +224,7 @@ def test_an_interrupt_as_the_session_is_ending_leaves_its_footer(
         return follow(state, event)
 
     def gone() -> None:
-        raise ScreenGone("the screen is gone")
+        raise ScreenGone("the terminal was closed")
 
     monkeypatch.setattr(runner, "follow", following)
     one = bench("c")

@@ -164,7 +164,7 @@ def test_one_session_listens_at_a_place_and_what_a_killed_one_left_is_replaced(
     with closing(Link(tmp_path / "left", session)):
         assert transport.answers(tmp_path / "left")
     assert not (tmp_path / "left").exists()
-    with pytest.raises(LinkError, match="no session listens"):
+    with pytest.raises(LinkError, match="no session is"):
         Line(tmp_path / "left", ME)
 
 

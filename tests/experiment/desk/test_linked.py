@@ -59,7 +59,7 @@ from tests.approved import Refuses
 from tests.experiment.desk.attended import Desk, Inline, done
 
 ME = Hello(role="console", by="test")
-ANSWERS, OTHERS = {"c": "copy paper", "p": "polypropylene"}, {"r": "do this trial again"}
+ANSWERS, OTHERS = {"c": "copy paper", "p": "polypropylene"}, {"r": "repeat this trial"}
 T = TypeVar("T")
 
 
@@ -311,11 +311,11 @@ def test_a_trial_that_is_armed_again_says_why_until_it_is_asked_or_another_is_ar
     [
         (
             "real",
-            "Task real is done. All trials are answered. Note what is left to note. Task virtual comes next.",
+            "Task real is done. All trials have been answered. Add any remaining notes. Task virtual comes next.",
             "end task real",
             "real",
         ),
-        ("virtual", "All trials are answered. Note what is left to note.", "end", "debriefing"),
+        ("virtual", "All trials have been answered. Add any remaining notes.", "end", "debriefing"),
     ],
 )
 def test_only_the_last_task_ends_with_the_debriefing(bench: Bench, at: str, text: str, does: str, step: str) -> None:
@@ -621,7 +621,7 @@ def test_a_break_asked_for_while_it_is_paused_begins_its_countdown_and_ends_noth
     asked = bench.asks(lambda: bench.linked.ask(GoOn("It paused.", begun=False)).key == ENTER)
     first = bench.question("continue")
     # No session had begun.
-    assert first.choices[0].words == "go on"
+    assert first.choices[0].words == "continue"
     assert shown(bench.linked).pause_until_ns is None
     assert bench.do(Pause(minutes=5))[0]
     ends_s = time.monotonic() + 10
@@ -706,7 +706,7 @@ def test_a_familiarisation_counts_down_to_the_key_that_ends_it_and_then_to_its_m
     until_ns = shown(bench.linked).pause_until_ns
     assert until_ns is not None
     assert 90 < until_ns / 1e9 - time.time() <= 100
-    told = "'enter' is no key here until the countdown is over."
+    told = "'enter' is not a key here until the countdown is over."
     assert bench.do(Choose(question=early.number, key="enter")) == (False, told)
     assert bench.do(Stop())[0]
 

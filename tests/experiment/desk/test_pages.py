@@ -51,9 +51,9 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
         Prompt(show="wait", text="Step, and say what."),
         "Please wait.\n\nStep, and say what.",
     ),
-    "rest": (Prompt(show="rest"), "Rest your foot still on the panel."),
-    "ready": (Prompt(show="ready"), "You may step."),
-    "another trial": (Prompt(show="coming", text="Say when."), "Feel what comes.\n\nSay when."),
+    "rest": (Prompt(show="rest"), "Rest your foot on the panel and keep still."),
+    "ready": (Prompt(show="ready"), "You may step now."),
+    "another trial": (Prompt(show="coming", text="Say when."), "Focus on what you feel.\n\nSay when."),
     "an interval": (Prompt(show="coming", interval=2), "Interval 2"),
     "asked by a design": (
         Prompt(show="answer", asks="Did you feel anything?", answers=("yes", "no")),
@@ -61,7 +61,7 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
     ),
     "asked by a design, with buttons": (
         Prompt(show="answer", asks="Which?", mode="keys"),
-        "Which?\n\nPress the button of your answer.",
+        "Which?\n\nPress the button for your answer.",
     ),
     "asked by a design, at the screen": (
         Prompt(show="answer", asks="Which?", mode="screen", answers=("yes", "no"), question=1, keys=("y", "n")),
@@ -69,47 +69,47 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
     ),
     "ready for the first trial": (
         Prompt(show="ready", text="Step, and say what."),
-        "You may step.\n\nStep, and say what.",
+        "You may step now.\n\nStep, and say what.",
     ),
     "ready once more": (
         Prompt(show="ready", again=True),
-        "That step did not count. Lift your foot, then step once more.",
+        "That step did not count. Lift your foot, then step again.",
     ),
     "masker without a probe": (
         Prompt(show="masker", unplayed=True),
-        "Say when you no longer hear the panel.\n\n"
-        "Nothing vibrates by itself: touch the panel as you will in the trials, and listen.",
+        "Say when you can no longer hear the panel.\n\n"
+        "The panel does not vibrate by itself. Touch it as you will in the trials, and listen.",
     ),
     "answer": (Prompt(show="answer"), "Say aloud what you felt."),
     "compare": (
         Prompt(show="compare", answers=("first", "second")),
-        "Feel both, as often as you wish. Then say your answer aloud.\n\nfirst  ·  second",
+        "Feel both as often as you like. Then say your answer aloud.\n\nfirst  ·  second",
     ),
     "second surface": (
         Prompt(show="compare", text="Tap.", second=True),
-        "Feel both, as often as you wish. Then say your answer aloud.\n\n"
-        "The second is there now. Say so when you want the first.\n\nTap.",
+        "Feel both as often as you like. Then say your answer aloud.\n\n"
+        "This is the second one. Say when you want the first.\n\nTap.",
     ),
     "first surface": (
         Prompt(show="compare", second=False),
-        "Feel both, as often as you wish. Then say your answer aloud.\n\n"
-        "The first is there now. Say so when you want the second.",
+        "Feel both as often as you like. Then say your answer aloud.\n\n"
+        "This is the first one. Say when you want the second.",
     ),
     "finished": (
         Prompt(show="finished"),
-        "You have answered all of this part. Please wait for the experimenter.",
+        "You have finished this part. Please wait for the experimenter.",
     ),
     "finished, and silent": (
         Prompt(show="finished", unmasked=True),
-        "You have answered all of this part. Please wait for the experimenter.\n\nYou may take the headphones off.",
+        "You have finished this part. Please wait for the experimenter.\n\nYou may take off the headphones.",
     ),
-    "break, and silent": (Prompt(show="break", unmasked=True), "Time for a break.\n\nYou may take the headphones off."),
+    "break, and silent": (Prompt(show="break", unmasked=True), "Time for a break.\n\nYou may take off the headphones."),
     "break over": (
         Prompt(show="break", unmasked=True, until_ns=0),
-        "The break is over. We go on when you are ready.\n\nPut the headphones on again.",
+        "The break is over. We will continue when you are ready.\n\nPlease put the headphones back on.",
     ),
     "thanks": (Prompt(show="thanks"), "This session is over. Thank you."),
-    "no session": (None, "Please wait a moment. The experimenter will be with you."),
+    "no session": (None, "Please wait. The experimenter will be with you shortly."),
 }
 
 
@@ -127,10 +127,10 @@ def test_words_may_be_of_another_language() -> None:
 
 def test_the_masker_has_three_keys_with_what_they_do() -> None:
     asked = Prompt(show="masker", question=3, keys=("+", "-", ENTER))
-    keys = (("↑", "louder"), ("↓", "softer"), ("Enter", "I no longer hear it"))
+    keys = (("↑", "louder"), ("↓", "softer"), ("Enter", "I can no longer hear it"))
     assert pages.page(asked, RIG, 0).keys == keys
     at_limit = asked.model_copy(update={"keys": (HEARD_KEY, "-", ENTER)})
-    loudest = (("", "It is as loud as it may be."), ("↑", "I still hear it"), *keys[1:])
+    loudest = (("", "This is the loudest setting."), ("↑", "I still hear it"), *keys[1:])
     assert pages.page(at_limit, RIG, 0).keys == loudest
     assert [pages.chosen(one, "up", RIG) for one in (asked, at_limit)] == ["+", HEARD_KEY]
     assert pages.page(Prompt(show="masker"), RIG, 0).keys == ()
@@ -163,8 +163,8 @@ def test_a_key_chooses_what_stands_beside_it(key: str, choice: str | None) -> No
         (299.001, "Time for a break.", "5:00"),
         (61.0, "Time for a break.", "1:01"),
         (0.5, "Time for a break.", "0:01"),
-        (0.0, "The break is over. We go on when you are ready.", ""),
-        (-90.0, "The break is over. We go on when you are ready.", ""),
+        (0.0, "The break is over. We will continue when you are ready.", ""),
+        (-90.0, "The break is over. We will continue when you are ready.", ""),
     ],
 )
 def test_a_break_counts_down(left_s: float, text: str, clock: str) -> None:
@@ -348,7 +348,7 @@ def test_progress_moves_no_text_and_is_drawn_below_it() -> None:
 
 
 def test_short_texts_are_large() -> None:
-    """A capital of You may step. is at least 5 % of the height: read from four metres on a screen of 30 cm."""
+    """A capital of You may step now. is at least 5 % of the height: read from four metres on a screen of 30 cm."""
     rows = np.flatnonzero((drawn(pages.page(Prompt(show="ready"), RIG, 0)) != BACKGROUND).any(axis=(1, 2)))
     assert rows[-1] - rows[0] >= 0.05 * SIZE_PX[1]
 

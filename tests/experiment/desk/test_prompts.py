@@ -174,7 +174,7 @@ def test_real_objects_are_laid_out_behind_a_page_that_is_always_the_same() -> No
     ("choices", "keys"),
     [
         (LEVEL, ("+", "-", ENTER)),
-        ((*LEVEL, *keyed({HEARD_KEY: "still heard"}, by="participant")), (HEARD_KEY, "-", ENTER)),
+        ((*LEVEL, *keyed({HEARD_KEY: "still audible"}, by="participant")), (HEARD_KEY, "-", ENTER)),
     ],
 )
 def test_a_masker_at_its_limit_can_be_said_to_be_heard_and_is_no_louder(

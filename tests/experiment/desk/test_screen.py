@@ -305,7 +305,7 @@ def test_a_silent_session_is_not_taken_for_a_lost_one(tmp_path: Path) -> None:
 def test_a_session_has_one_screen(tmp_path: Path) -> None:
     with (
         screen.alone(tmp_path / "s.sock"),
-        pytest.raises(DisplayError, match="open already"),
+        pytest.raises(DisplayError, match="already open"),
         screen.alone(tmp_path / "s.sock"),
     ):
         raise AssertionError("two screens at once")

@@ -39,7 +39,7 @@ def screen(*lines: str) -> tuple[TerminalTakes, Keys, io.StringIO]:
     ("achieved", "shown"),
     [
         (104.0, "The speed was 104 mm/s; the target is 100 mm/s (+4.0%): within 10%."),
-        (88.0, "The speed was 88 mm/s; the target is 100 mm/s (-12.0%): speed off by -12%, more than 10%."),
+        (88.0, "The speed was 88 mm/s; the target is 100 mm/s (-12.0%): the speed is off by -12%, more than 10%."),
     ],
 )
 def test_the_achieved_speed_stands_beside_its_target(achieved: float, shown: str) -> None:

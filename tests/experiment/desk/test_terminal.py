@@ -81,7 +81,7 @@ def test_an_event_is_what_happened_and_what_was_done() -> None:
 def test_a_wrong_key_is_named_and_asked_again() -> None:
     one, screen, _ = console("x", "", "n")
     assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key == "n"
-    told = "is no key; type one of c n, or " + REMARKS
+    told = "is not a valid key; type one of c n, or " + REMARKS
     assert screen.getvalue().splitlines() == [f"'x' {told}", f"'' {told}"]
 
 
@@ -99,7 +99,7 @@ def test_a_note_and_a_correction_take_the_place_of_a_key() -> None:
         trial=12, key="n", reason="misheard, a door slammed"
     )
     assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key == "c"
-    assert screen.getvalue().count("is no key") == 3
+    assert screen.getvalue().count("not a valid key") == 3
 
 
 def test_a_correction_without_a_reason_is_asked_for_one(approved: SnapshotAssertion) -> None:

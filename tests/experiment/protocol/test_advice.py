@@ -28,7 +28,7 @@ def told(path: tuple[str | int, ...], new: object) -> list[tuple[str, str, str]]
 )
 def test_of_a_protocol_that_is_as_it_should_be_nothing_is_told(study: Protocol) -> None:
     assert advice(study) == ()
-    assert "palpate finds no" in page(study, "a.toml")
+    assert "palpate found no" in page(study, "a.toml")
 
 
 def test_a_chance_other_than_that_of_a_guess(approved: SnapshotAssertion) -> None:
@@ -103,7 +103,7 @@ def test_it_stands_on_the_page(approved: SnapshotAssertion) -> None:
 
 
 def test_a_study_without_consent_is_told() -> None:
-    allowed = "as a rule true: without it a session begins although nobody has agreed on record"
+    allowed = "usually true; otherwise, a session can start without consent on record"
     assert told(("consent", "required"), False) == [("consent.required", "false", allowed)]
 
 
@@ -140,4 +140,4 @@ def test_sign_flips_of_too_few_to_show_anything(people: int, test: dict[str, obj
     planned = {"question": "?", "test": "sign flips against chance", "tasks": ("one",), "chance": 0.5, **test}
     made = {**study, "format": 6, "study": {**study["study"], "participants": people}, "analysis": (planned,)}
     found = [one for one in advice(ProtocolFile.model_validate(made)) if one.field == "analysis[0].test"]
-    assert [f"{least} participants or more" in one.allowed for one in found] == [True] * (least is not None)
+    assert [f"{least} or more participants" in one.allowed for one in found] == [True] * (least is not None)

@@ -12,11 +12,11 @@ from palpate.experiment.settings import load as settings
 from tests.experiment.protocol.small import before_contact, changed, document
 
 BROKEN: list[tuple[dict[str, Any], str, str]] = [
-    (changed(before_contact(-20.0), ("tasks", 0, "stimulus"), "real"), "tasks[0].ahead", "a virtual footstep"),
+    (changed(before_contact(-20.0), ("tasks", 0, "stimulus"), "real"), "tasks[0].ahead", "virtual footsteps"),
     (changed(before_contact(-20.0), ("exclusion",), document()["exclusion"]), "tasks[0].ahead", "'speed-above'"),
     (before_contact(-25.1), "tasks[0].ahead.delay_ms", "at least -25, "),
-    (before_contact(-100.0), "tasks[0].ahead.delay_ms", "gate_bottom_mm of 35, "),
-    (before_contact(-100.0), "tasks[0].ahead.delay_ms", "'speed-above' of 85"),
+    (before_contact(-100.0), "tasks[0].ahead.delay_ms", "gate_bottom_mm to 35, "),
+    (before_contact(-100.0), "tasks[0].ahead.delay_ms", "'speed-above' to 85"),
     (before_contact(0.0), "tasks[0].ahead.delay_ms", "less than 0"),
     (before_contact(-20.0, error_max_ms=0.0), "tasks[0].ahead.error_max_ms", "greater than 0"),
     (before_contact(-20.0, broken_off="silence"), "tasks[0].ahead.broken_off", "nothing, vibration"),

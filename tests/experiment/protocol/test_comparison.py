@@ -32,11 +32,11 @@ CROSSED = varied("crossover_hz", 30.0, 60.0, 120.0)
 OF_TAPS = ", ".join(name for name in designs.NAMES if {*design_of(name).intervals} & {*kind_of("tapping").intervals})
 
 BROKEN = [
-    (changed(comparing(), ("footstep",), STEPS), "footstep", "no table: the tasks are of the kind 'tapping'"),
+    (changed(comparing(), ("footstep",), STEPS), "footstep", "no table: the kind of the tasks is 'tapping'"),
     (
         {key: table for key, table in comparing().items() if key != "comparison"},
         "comparison",
-        "a table: tasks of the design 'comparison' need it",
+        "a table, because tasks with the design 'comparison' need it",
     ),
     ({key: t for key, t in small.document().items() if key != "footstep"}, "footstep", "tasks of the kind 'footstep'"),
     (changed(comparing(), ("materials", 0, "key"), "f"), "materials[0].key", "participants compare materials"),
@@ -44,13 +44,13 @@ BROKEN = [
     (
         {key: table for key, table in rendering().items() if key != "tapping"},
         "tapping",
-        "a task with virtual surfaces needs it",
+        "a task with virtual surfaces needs",
     ),
     (changed(rendering(), ("exposure", "force_peak_n"), None), "exposure.force_peak_n", "a number of newtons"),
-    (changed(rendering(), ("tapping", "surfaces"), SURFACES[:2]), "tapping.surfaces", "also for tin"),
+    (changed(rendering(), ("tapping", "surfaces"), SURFACES[:2]), "tapping.surfaces", "missing: tin"),
     (changed(rendering(), SECOND, "tin"), "tapping.surfaces[2].material", "each once: felt, cork, tin"),
     (changed(rendering(), SECOND, "oak"), "tapping.surfaces[1].material", "each once: felt, cork, tin"),
-    (changed(rendering(), ("tapping", "switch_key"), "1"), "tapping.switch_key", "of its own"),
+    (changed(rendering(), ("tapping", "switch_key"), "1"), "tapping.switch_key", "a unique key"),
     (changed(CROSSED, (*SECOND[:3], "crossover_hz"), None), "tapping.surfaces[1].crossover_hz", "a number of hertz"),
     # 800 N/m over 2 pi 3.9984 N s/m, 31.84373 Hz, rounded up.
     (changed(CROSSED, ("tapping", "damping_n_s_m"), 3.9984), "tapping.surfaces[0].crossover_hz", "at least 31.844 Hz"),
@@ -59,8 +59,8 @@ BROKEN = [
     (changed(CROSSED, ("tapping", "force_error_max"), 0.5), "tapping.force_error_max", "no value"),
     (changed(rendering(), ("tapping", "mass_kg"), -1.0), "tapping.mass_kg", "greater than 0"),
     (changed(rendering(), ("tapping", "stiffness"), 9.0), "tapping.stiffness", "no such key"),
-    (changed(small.document(), ("tapping",), rendering()["tapping"]), "tapping", "of the kind 'footstep'"),
-    (changed(comparing(), ("tasks", 0, "design"), "identification"), "tasks[0].design", f"one of: {OF_TAPS}, with"),
+    (changed(small.document(), ("tapping",), rendering()["tapping"]), "tapping", "is 'footstep'"),
+    (changed(comparing(), ("tasks", 0, "design"), "identification"), "tasks[0].design", f"one of: {OF_TAPS}, for"),
     (changed(comparing(), ("tasks", 0, "repetitions"), 3), "tasks[0].repetitions", "an even number"),
     (
         changed(comparing(), ("tasks", 0, "order"), {"kind": "max-run", "max_run": 2}),
@@ -71,19 +71,19 @@ BROKEN = [
     (
         changed(comparing(), ("masker", "probe"), {"material": "felt", "speed_mm_s": 100.0}),
         "masker.probe",
-        "no table: real samples play no probe",
+        "no table: there is no probe for real samples",
     ),
-    (changed(comparing(), ("answers", "microphone"), True), "answers.microphone", "nobody names a material"),
+    (changed(comparing(), ("answers", "microphone"), True), "answers.microphone", "do not name materials"),
     (changed(comparing(), ("analysis", 0, "test"), "Davidson"), "analysis[0].test", "without ties"),
     (changed(comparing(tie_key="3"), ("analysis", 0, "test"), "Thurstone"), "analysis[0].test", "tie_key allows ties"),
     (changed(comparing(), ("analysis", 0, "test"), "one-way ANOVA"), "analysis[0].test", "one of: Bradley-Terry, Thu"),
-    (changed(comparing(), ("comparison", "second_key"), "1"), "comparison.second_key", "a key of its own"),
-    (changed(comparing(), ("comparison", "first_key"), "0"), "answers.no_answer_key", "a key of its own"),
+    (changed(comparing(), ("comparison", "second_key"), "1"), "comparison.second_key", "a unique key"),
+    (changed(comparing(), ("comparison", "first_key"), "0"), "answers.no_answer_key", "a unique key"),
     (changed(comparing(), ("comparison", "first_key"), "+"), "comparison.first_key", "which set the masker's level"),
     (
         changed(comparing(), ("tasks", 0, "materials"), ("felt",)),
         "tasks[0].materials",
-        "no value: a task of pairs presents every material",
+        "no value: a task with pairs presents every material",
     ),
     (
         changed(
@@ -118,10 +118,10 @@ def test_virtual_surfaces_are_within_the_rules_and_the_board_reads_how_they_are_
     text = " ".join(page(ProtocolFile.model_validate(rendering()), "study.toml").split())
     assert "800 N/m and a damper of 5 N s/m" in text
     assert "2000 times a second" in text
-    assert "never above 2 N" in text
+    assert "never exceeds 2 N" in text
     assert '"tin": 900 Hz, 20 m/s^2.' in text
     assert "the experimenter presses [s]" in text
-    assert "Two real samples" not in text
+    assert "two real samples" not in text
 
 
 def test_the_page_of_a_study_without_a_virtual_task_does_not_tell_how_one_would_be_rendered(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_the_page_of_a_study_without_a_virtual_task_does_not_tell_how_one_would_
     live = files.load(live_alone(tmp_path))
     text = " ".join(page(live, "study.toml").split())
     assert live.table(Tapping).stiffness_n_m == 2500.0
-    assert "Two real samples" in text
+    assert "two real samples" in text
     assert not [one for one in ("spring", "servo", "vibrated", "on a virtual surface") if one in text]
     both = files.load(files.shipped("okamoto2012.toml"))
     alone = both.model_copy(update={"tasks": both.tasks[1:], "analysis": ()})
@@ -171,7 +171,7 @@ def test_the_board_reads_what_is_compared_how_often_and_by_which_answers(approve
     assert "6 x 2 = 12" in text
     assert "foot" not in text
     assert re.sub(r"\b[0-9a-f]{64}\b", "HASH", text) == approved
-    assert "have to choose" in " ".join(page(protocol(), "study.toml").split())
+    assert "must choose one" in " ".join(page(protocol(), "study.toml").split())
 
 
 def test_the_shipped_study_is_that_of_the_paper() -> None:

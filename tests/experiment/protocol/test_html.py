@@ -20,8 +20,8 @@ from palpate.experiment.settings.characters import JOINERS, hidden
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol, with_text
 
 TODAY = date(2020, 6, 1)
-UNSEALED = "NOT SEALED: no approval of this protocol is recorded beside its file."
-SEALED = "SEALED: this version is approved; compare what the seal says with the board's letter."
+UNSEALED = "NOT SEALED: there is no approval next to this protocol file."
+SEALED = "SEALED: this version is approved. Compare the seal with the board's letter."
 
 HOSTILE = (
     "@<script>document.title='forged'</script></p></blockquote></td></tr></table></main>@<h2>@8.@Limits</h2>@"
@@ -81,7 +81,7 @@ def read(text: str) -> Read:
 def test_it_has_every_word_of_the_page_in_text_in_the_same_order(study: Protocol) -> None:
     in_text = re.sub(r"(?m)^[=-]{20,}$|^  (-+ *)+$|^  - |\|", " ", page(study, "small.toml"))
     browser = read(made(study).replace("<blockquote", "<p").replace("</blockquote", "</p"))
-    _, _, after = browser.own.partition(f"This was so on {TODAY}.")
+    _, _, after = browser.own.partition(f"(Status on {TODAY}.)")
     in_html = f"Protocol of the study {study.study.id} {after}"
     assert "".join(in_html.split()) == "".join(in_text.split())
 

@@ -116,7 +116,7 @@ def test_the_key_of_one_material_leaves_another_to_those_after_it(refuses: Refus
 @pytest.mark.parametrize(
     ("change", "refused"),
     [
-        ({"id": "My study"}, "got 'My study'; allowed: up to 32 lower-case letters and digits, a letter first"),
+        ({"id": "My study"}, "got 'My study'; allowed: up to 32 lowercase letters and digits, starting with a letter"),
         ({"id": ""}, "allowed: up to 32"),
         ({"title": " "}, "got ' '; allowed: text, not blank"),
         ({"title": "a\x7f\x1b"}, "with U\\+007F, U\\+001B; allowed: text, not blank"),
@@ -127,21 +127,21 @@ def test_the_key_of_one_material_leaves_another_to_those_after_it(refuses: Refus
         ({"materials": ()}, "got 0 materials; allowed: two materials or more$"),
         (
             {"materials": new.materials(["felt", "Felt"])},
-            "got 'Felt'; allowed: a name of its own: 'felt' has it already$",
+            "got 'Felt'; allowed: a unique name: 'felt' already has this value$",
         ),
         (
             {"materials": new.materials(["felt,n", "cork"])},
-            "got the key 'n', which stands for 'no answer'; allowed: a key of its own$",
+            "got the key 'n', which is already used for 'no answer'; allowed: a unique key$",
         ),
         (
             {"materials": new.materials(["felt,x", "cork,x"])},
-            "got 'x'; allowed: a key of its own: 'felt' has it already$",
+            "got 'x'; allowed: a unique key: 'felt' already has this value$",
         ),
         (
             {"materials": new.materials(["felt,f", "cork,c,felt"])},
-            "got 'felt'; allowed: a phrase of its own: 'felt' is that name$",
+            "got 'felt'; allowed: a unique phrase: 'felt' already has this name$",
         ),
-        ({"materials": new.materials(["felt,+", "cork"])}, "any key but \\+ and -"),
+        ({"materials": new.materials(["felt,+", "cork"])}, "any key except \\+ and -"),
     ],
 )
 def test_what_would_refuse_the_file_refuses_the_answer_in_one_line(change: dict[str, object], refused: str) -> None:
@@ -193,7 +193,7 @@ def test_a_copy_has_no_approval(tmp_path: Path) -> None:
 def test_a_new_file_ends_in_toml_and_stands_in_nobodys_way(tmp_path: Path, refuses: Refuses) -> None:
     assert new.free(tmp_path / "mystudy") == new.free(tmp_path / "mystudy.toml") == tmp_path / "mystudy.toml"
     for name in ("study.seal.toml", "study.txt"):
-        with pytest.raises(PalpateError, match=r"allowed: a name that ends in \.toml, and not \.seal\.toml"):
+        with pytest.raises(PalpateError, match=r"allowed: a name that ends in \.toml but not in \.seal\.toml"):
             new.free(tmp_path / name)
     (tmp_path / "mystudy.toml").symlink_to(tmp_path / "nowhere")
     with refuses(PalpateError):

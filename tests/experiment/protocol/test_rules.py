@@ -57,16 +57,20 @@ BROKEN = [
     (
         changed(NEWEST, ("tasks", 1, "pictures"), tuple({"file": "foot.png", "sha256": 64 * one} for one in "ab")),
         "tasks[1].pictures[1].sha256",
-        "the same wherever",
+        "the same value everywhere",
     ),
     *(
-        (presenting(*wrong), "tasks[0].materials", "some of the protocol's, each once, in their order: felt, cork")
+        (
+            presenting(*wrong),
+            "tasks[0].materials",
+            "some of the protocol's materials, each once, in the protocol's order: felt, cork",
+        )
         for wrong in (("tin",), ("felt", "tin"), ("cork", "felt"), ("cork", "cork"))
     ),
     (
         changed(presenting("cork"), ("tasks", 0, "order"), {"kind": "max-run", "max_run": 9}),
         "tasks[0].order.kind",
-        "one of: full-random, blocked-random, with one material",
+        "one of: full-random, blocked-random, for a single material",
     ),
     (
         {**presenting("cork"), "exclusion": ({**FEW, "limit": 4},)},
@@ -76,7 +80,7 @@ BROKEN = [
     (
         presenting("cork", analysis={"test": "one-way ANOVA", "tasks": ("one",), "question": "?"}),
         "analysis[0].tasks",
-        "tasks that present at least 2 materials",
+        "tasks that each present at least 2 materials",
     ),
     *(
         (presenting("felt", "cork", analysis={**PAIRED, "materials": pair}), "analysis[0].materials[1]", allowed)
@@ -93,19 +97,23 @@ BROKEN = [
     (
         presenting("cork", analysis={"test": "two-way ANOVA", "tasks": ("one", "two"), "question": "?"}),
         "analysis[0].tasks",
-        "at least 2 of the same materials",
+        "at least 2 materials that the tasks share",
     ),
     (
         presenting("cork", analysis={"test": "ICC", "tasks": ("one",), "form": "ICC(2,1)", "question": "?"}),
         "analysis[0].tasks",
-        "at least 2 of the same materials",
+        "at least 2 materials that the tasks share",
     ),
     (
         presenting("cork", other=("felt",), analysis={**SAME, "tasks": ("one", "two")}),
         "analysis[0].tasks",
-        "at least 1 of the same materials",
+        "at least 1 materials that the tasks share",
     ),
-    (presenting("cork", analysis={**SAME, "tasks": ("one",)}), "analysis[0].tasks", "at least 2 of the same materials"),
+    (
+        presenting("cork", analysis={**SAME, "tasks": ("one",)}),
+        "analysis[0].tasks",
+        "at least 2 materials that the tasks share",
+    ),
     (with_rules({**FEW, "limit": 5}), "exclusion[0].limit", "at most 4, the trials of the shortest task"),
     (with_rules(SLOW, FAST), "exclusion[1].limit", "greater than the limit of the rule 'speed-below'"),
     (with_rules({**GONE, "limit": 1}), "exclusion[0].limit", "no value: 'withdrawn' needs no limit"),
@@ -116,7 +124,7 @@ BROKEN = [
         "exclusion[0].action",
         "'undelivered' is about a trial",
     ),
-    (changed(document(), ("materials", 0, "key"), "+"), "materials[0].key", "any key but + and -, which set the mask"),
+    (changed(document(), ("materials", 0, "key"), "+"), "materials[0].key", "any key except + and -, which set the m"),
     (with_rules({**FEW, "action": "repeat-trial"}), "exclusion[0].action", "'answers-below' is about a participant"),
     (changed(document(), ("analysis", 1, "margin"), 0.1), "analysis[1].margin", "only 'equivalence' has this key"),
     (
@@ -125,17 +133,17 @@ BROKEN = [
         "only 't against chance'",
     ),
     (with_tasks(7), "task_order.kind", "fixed, or at most 6 tasks"),
-    (changed(document(), ("study", "participants"), 8), "study.participants", "6, as many as the largest task has"),
+    (changed(document(), ("study", "participants"), 8), "study.participants", "6, the number in the largest task"),
     (changed(document(), ("tasks", 1, "order", "max_run"), 2), "tasks[1].order.max_run", "only kind 'max-run' has"),
     *(
-        (changed(document(), ("materials", 1, "id"), name), "materials[1].id", "a name of its own: materials[0].id has")
+        (changed(document(), ("materials", 1, "id"), name), "materials[1].id", "a unique name: materials[0].id already")
         for name in ("F E L T", "Fe lt")
     ),
     *(
         (
             changed(document(), ("materials", 1, "id"), name),
             "materials[1].id",
-            "materials[0].id has 'felt', which looks",
+            "materials[0].id is 'felt', which looks",
         )
         for name in ("fe1t", "FeIt", "f\u00e9lt")
     ),
@@ -146,15 +154,15 @@ BROKEN = [
             "\u0441\u043e\u0441\u043e\u0430",
         ),
         "materials[1].id",
-        "a name of its own: materials[0].id has it already",
+        "a unique name: materials[0].id already has this value",
     ),
     (
         changed(changed(document(), ("materials", 0, "spoken"), ("cloth",)), ("materials", 1, "spoken"), ("Felt",)),
         "materials[1].spoken[0]",
-        "a phrase of its own: materials[0].id is that name",
+        "a unique phrase: materials[0].id already has this name",
     ),
     *(
-        (changed(document(), ("materials", 0, "id"), name), "materials[0].id", f"any name but '{name}'")
+        (changed(document(), ("materials", 0, "id"), name), "materials[0].id", f"any name except '{name}'")
         for name in ("n/a", "NA", "NaN", "null")
     ),
 ]
@@ -216,7 +224,7 @@ def test_a_part_made_alone_keeps_its_own_rules(build: Any, match: str) -> None:
 
 def test_a_test_of_two_materials_says_so() -> None:
     (problem,) = load.find(ProtocolFile, presenting("felt", "cork", analysis={**PAIRED, "materials": ("felt",)}), {})
-    assert (problem.field, problem.allowed.partition(":")[0]) == ("analysis[0].materials", "2 materials")
+    assert (problem.field, problem.allowed.partition(",")[0]) == ("analysis[0].materials", "2 materials")
 
 
 OFFERED: list[dict[str, Any]] = [

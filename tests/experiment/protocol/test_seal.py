@@ -59,7 +59,7 @@ def test_a_seal_of_another_format_is_no_damaged_one(file: Path, number: str, mak
     path = file.parent / "small.seal.toml"
     sealing.write(file, protocol(), **APPROVAL)
     path.write_text(path.read_text("utf-8").replace("format = 1\n", number), "utf-8")
-    with pytest.raises(OtherFormat, match=f"made by {maker} palpate") as refused:
+    with pytest.raises(OtherFormat, match=f"made by {maker} version") as refused:
         approval.verify(file, protocol(), date(2020, 6, 1))
     remedy = refused.value.finding.remedy
     assert isinstance(remedy, Remedy)
@@ -82,7 +82,7 @@ def test_a_seal_that_was_given_the_hash_of_another_version_is_refused(file: Path
     seal = approval.seal_path(file)
     seal.write_text(seal.read_text("utf-8").replace(sha256(protocol()), sha256(other())), "utf-8")
     for read in (approval.verify, sealing.state):
-        with pytest.raises(ProtocolError, match="the hash of the protocol that the seal itself holds"):
+        with pytest.raises(ProtocolError, match="the hash of the protocol text in the seal"):
             read(file, other(), date(2020, 6, 1))
 
 
@@ -146,13 +146,17 @@ def test_an_unsealed_protocol_is_refused(file: Path, refuses: Refuses) -> None:
 @pytest.mark.parametrize(
     ("path", "value", "told"),
     [
-        (("study", "title"), "A small Study", r"study.title: got 'A small Study'; allowed: 'A small study', as it was"),
-        (("exposure", "masker_level_db_a"), 72, r"exposure.masker_level_db_a: got 72; allowed: 71, as it was"),
-        (("answers", "redo_key"), "y", r"answers.redo_key: got 'y'; allowed: '/', as it was approved"),
+        (
+            ("study", "title"),
+            "A small Study",
+            r"study.title: got 'A small Study'; allowed: 'A small study', as approved",
+        ),
+        (("exposure", "masker_level_db_a"), 72, r"exposure.masker_level_db_a: got 72; allowed: 71, as approved"),
+        (("answers", "redo_key"), "y", r"answers.redo_key: got 'y'; allowed: '/', as approved"),
         (
             ("eligibility", "criteria"),
             ("Grown up.",),
-            r"eligibility.criteria\[1\]: got nothing; allowed: 'Rested.', as it was",
+            r"eligibility.criteria\[1\]: got nothing; allowed: 'Rested.', as approved",
         ),
     ],
 )
@@ -351,7 +355,7 @@ def test_the_page_of_another_version_is_not_sealed(file: Path, digits: str, refu
 
 @pytest.mark.parametrize("digits", ["", "short", sha256(protocol())[:7], sha256(protocol()) + "0", "*" * 64])
 def test_too_few_digits_of_the_page_are_no_other_version(file: Path, digits: str) -> None:
-    said = f"allowed: 8 to 64 digits and letters a to f, and these are {len(digits)}; type the first"
+    said = rf"allowed: 8 to 64 hexadecimal digits \(there are {len(digits)}\); type the first digits"
     with pytest.raises(ProtocolError, match=said):
         sealing.write(file, protocol(), **APPROVAL, page_sha256=digits)
     assert not approval.seal_path(file).exists()

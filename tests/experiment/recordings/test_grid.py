@@ -51,7 +51,7 @@ def test_missing_samples_are_bridged_and_counted_and_a_longer_gap_is_refused(ref
     with pytest.raises(RecordingError) as refused:
         resampled(np.array([0, 1e-3, 1e-3, 2e-3]), np.zeros(4), range(1, 5))
     finding = refused.value.finding
-    assert (finding.line, finding.allowed) == (3, "times that rise")
+    assert (finding.line, finding.allowed) == (3, "increasing times")
 
 
 def test_a_file_with_uneven_times_names_the_option_that_reads_it(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def test_only_what_is_asked_for_is_opened(tmp_path: Path) -> None:
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     written(tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(RecordingError, match="holds files already"):
+    with pytest.raises(RecordingError, match="already contains files"):
         written(tmp_path)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
@@ -137,9 +137,9 @@ def nan_inside() -> np.ndarray:
         (rewrite(1000, np.zeros(16, np.int16)), r"got int16 samples; allowed: float samples"),
         (rewrite(1000, np.zeros((16, 2), np.float32)), r"got 2 channels; allowed: one"),
         (rewrite(1000, nan_inside()), r"got NaN or infinite samples"),
-        (rewrite(1000, np.zeros(16, np.float32), trusted=False), r"got sha256 .* of the manifest; restore the file"),
+        (rewrite(1000, np.zeros(16, np.float32), trusted=False), r"got sha256 .*; allowed: .* manifest; restore"),
         (lambda d: first_wav(d).unlink(), r"copy_paper_50_1.wav: cannot be read .*; restore it"),
-        (lambda d: first_wav(d).write_bytes(b"RIFFnonsense"), r"copy_paper_50_1.wav: got a damaged WAV file"),
+        (lambda d: first_wav(d).write_bytes(b"RIFFnonsense"), r"copy_paper_50_1.wav: the WAV file is damaged"),
         (lambda d: first_wav(d, "panel").unlink(), r"panel_50_1.wav: cannot be read"),
         (lambda d: (d / "manifest.toml").unlink(), r"manifest.toml: cannot be read"),
         (lambda d: (d / "manifest.toml").write_text("=\n"), r"manifest.toml: line 1: column 1: got .=.; allowed: TOML"),
@@ -199,7 +199,7 @@ def test_one_speed_is_enough_for_fresh_takes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kept", "message"),
     [
-        (lambda t: t.material is None, "got 4 takes, none of a material; allowed: takes of one material or more"),
+        (lambda t: t.material is None, "got 4 takes, but none of a material; allowed: takes of at least one material"),
         (lambda t: t.material is not None, "got no take 1 of the bare panel at 50 mm/s; allowed: 2 takes at each"),
         (lambda t: (t.material, t.speed_mm_s) != ("copy paper", 100.0), "got no take 1 of copy paper at 100 mm/s"),
         (lambda t: t.number == 1 or t.material != "copy paper", "got no take 2 of copy paper at 50 mm/s"),

@@ -138,7 +138,7 @@ trigger_m_s2 = 0.3
 @pytest.mark.parametrize(
     ("rig", "error", "message"),
     [
-        (RIG, RigError, r"rig 'bench': got no table \[accelerometer\]"),
+        (RIG, RigError, r"rig 'bench': got no \[accelerometer\] table"),
         (
             RIG + ACCELEROMETER.replace("5000", "4000"),
             RigError,

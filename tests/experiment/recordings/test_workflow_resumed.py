@@ -123,7 +123,7 @@ def test_a_kill_after_the_recordings_took_their_place_leaves_no_take_behind(
     whole = (tmp_path / "set" / "manifest.toml").read_bytes()
     for content, left in (whole + b"# of another day", [".set.partial", "set"]), (whole, ["set"]):
         (tmp_path / "set" / "manifest.toml").write_bytes(content)
-        with pytest.raises(RecordingError, match="set: holds recordings already; allowed: a new or empty folder"):
+        with pytest.raises(RecordingError, match="set: already contains recordings; allowed: a new or empty folder"):
             record(World(good()), tmp_path / "set")
         assert names(tmp_path) == left
 
@@ -157,7 +157,7 @@ def test_a_folder_in_use_is_refused_before_anything_is_written(tmp_path: Path) -
     (tmp_path / "set").mkdir()
     (tmp_path / "set" / "mine.txt").write_text("x")
     world = World(good())
-    with pytest.raises(RecordingError, match="holds files already"):
+    with pytest.raises(RecordingError, match="already contains files"):
         record(world, tmp_path / "set")
     assert (world.log, names(tmp_path)) == ([], ["set"])
 

@@ -126,23 +126,23 @@ def stepped(stimulus: Stimulus | None, onset: Onset | None) -> FootStep:
         (
             STIMULUS,
             ONSET,
-            "12.3 m/s^2 at the panel for 0.5 V, off by 39.10% (rms) with 34.58% left out; frames",
+            "12.3 m/s^2 at the panel, driven by 0.5 V, rms error 39.10% (34.58% left out); frames",
         ),
         (
             STIMULUS.model_copy(update={"shaping": TAKEN_DOWN}),
             ONSET,
-            "for 0.5 V, taken down to 74.6% as a whole by the limit of its volts, off by 39.10% (rms)",
+            "driven by 0.5 V, scaled to 74.6% by the limit on its voltage, rms error 39.10%",
         ),
-        (STIMULUS.model_copy(update={"computed": OLD}), None, "for 0.5 V; delivery was not measured; frames"),
+        (STIMULUS.model_copy(update={"computed": OLD}), None, "driven by 0.5 V; delivery was not measured; frames"),
         (
             STIMULUS.model_copy(update={"computed": OLD, "extrapolated": True}),
             ONSET,
-            "for 0.5 V, at a speed beyond those recorded; frames",
+            "driven by 0.5 V, at a speed outside the recorded range; frames",
         ),
         (
             STIMULUS.model_copy(update={"handed_unit": "m/s^2"}),
             ONSET.model_copy(update={"delivered": None}),
-            "a peak of at most 12.3 m/s^2, off by 39.10% (rms) with 34.58% left out; delivery was not measured; frames",
+            "a peak of at most 12.3 m/s^2, rms error 39.10% (34.58% left out); delivery was not measured; frames",
         ),
     ],
 )
@@ -161,7 +161,7 @@ def test_it_says_how_well_a_contact_is_known_where_the_journal_does(tmp_path: Pa
         ("before", one, False),
     ):
         (folder := tmp_path / name).mkdir()
-        assert ("its contact has a standard error of 0.28 ms" in " ".join(told(folder, written).split())) == said
+        assert ("the contact time has a standard error of 0.28 ms" in " ".join(told(folder, written).split())) == said
 
 
 def test_it_says_what_the_participant_saw(tmp_path: Path, approved: SnapshotAssertion) -> None:
@@ -173,8 +173,8 @@ def test_it_says_what_the_participant_saw(tmp_path: Path, approved: SnapshotAsse
 
 def test_a_session_without_a_footer_can_be_resumed_unless_the_participant_withdrew(tmp_path: Path) -> None:
     none = "The session has no footer: it"
-    again = f"{none} is running, or it was cut off and can be resumed."
-    for name, entries, last in (("on", [], again), ("off", [WITHDRAWN], f"{none} was cut off.")):
+    again = f"{none} is running, or it was interrupted and can be resumed."
+    for name, entries, last in (("on", [], again), ("off", [WITHDRAWN], f"{none} was interrupted.")):
         (folder := tmp_path / name).mkdir()
         assert told(folder, Phase(state="ready"), *entries).splitlines()[-1] == last
 

@@ -26,7 +26,7 @@ from palpate.experiment.desk.questions import (
 )
 from palpate.experiment.rehearsal import practice
 from palpate.experiment.rehearsal.participant import SimulatedPerson
-from palpate.experiment.rehearsal.practice import Guided, Practised
+from palpate.experiment.rehearsal.practice import Guided, Practiced
 
 ANSWERS = {"c": "cork", "f": "felt"}
 NAMES = {practice.HESITATES: "hesitates", practice.RESTS: "rests", practice.LEAVES: "leaves"}
@@ -70,9 +70,9 @@ class Person:
         return Reply()
 
 
-def practised(*keys: str, first: bool = True) -> tuple[Desk, Practised]:
+def practiced(*keys: str, first: bool = True) -> tuple[Desk, Practiced]:
     desk = Desk(*keys)
-    return desk, Practised(desk=Guided(desk, first=first), participant=cast("SimulatedPerson", Person()))
+    return desk, Practiced(desk=Guided(desk, first=first), participant=cast("SimulatedPerson", Person()))
 
 
 @pytest.fixture(autouse=True)
@@ -95,7 +95,7 @@ def timers(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return after_s
 
 
-def run(one: Practised, trial: int) -> None:
+def run(one: Practiced, trial: int) -> None:
     """Arm a trial, and have it answered and confirmed."""
     one.ask(Arm(trial, 1, 6))
     while True:
@@ -106,7 +106,7 @@ def run(one: Practised, trial: int) -> None:
 
 def test_a_first_session_explains_each_step_once_and_a_later_one_nothing() -> None:
     for first in (True, False):
-        desk, one = practised(*[ENTER, "c", ENTER] * 2, first=first)
+        desk, one = practiced(*[ENTER, "c", ENTER] * 2, first=first)
         for trial in (1, 2):
             one.ask(Place(trial, ("cork",)))
             run(one, trial)
@@ -119,7 +119,7 @@ def test_a_first_session_explains_each_step_once_and_a_later_one_nothing() -> No
 
 
 def test_in_a_first_session_the_participant_does_what_participants_do(timers: list[float]) -> None:
-    desk, one = practised(*["c", ENTER] * 2, "c", ESCAPE, "f", ENTER, *["c", ENTER] * 3)
+    desk, one = practiced(*["c", ENTER] * 2, "c", ESCAPE, "f", ENTER, *["c", ENTER] * 3)
     for trial in range(1, 7):
         run(one, trial)
     assert [line for line in desk.told if line in NAMES.values()] == ["hesitates", "rests", "leaves"]
@@ -127,13 +127,13 @@ def test_in_a_first_session_the_participant_does_what_participants_do(timers: li
     # The answer that was taken back, and the one given in its place.
     said = [line for line in desk.told if "says" in line]
     assert [line.split()[-1] for line in said].count("felt.") == 2
-    assert not any("Correct trial" in line for line in desk.told)
+    assert not any("To correct trial" in line for line in desk.told)
 
 
 @pytest.mark.parametrize("first", [True, False])
 def test_an_answer_that_the_participant_did_not_give_is_told_with_its_correction(first: bool) -> None:
     keys = [*["c", ENTER] * 3] if first else [*["c", ENTER] * 2, "f", ENTER]
-    desk, one = practised(*keys, first=first)
+    desk, one = practiced(*keys, first=first)
     for trial in range(1, 4):
         run(one, trial)
     facts = {"confirmed": "cork", "said": "felt", "key": "f"}
@@ -142,7 +142,7 @@ def test_an_answer_that_the_participant_did_not_give_is_told_with_its_correction
 
 
 def test_at_the_masker_the_participant_says_that_it_can_be_heard() -> None:
-    desk, one = practised()
+    desk, one = practiced()
     for level_db_a in (40.0, 70.0):
         one.ask(Level(level_db_a, 80.0, "", probe=False, by="participant"))
     said = [line for line in desk.told if "says" in line]

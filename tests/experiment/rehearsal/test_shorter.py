@@ -17,7 +17,7 @@ def trials(protocol: Protocol) -> list[int]:
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_every_study_is_practised_with_fewer_trials(name: str) -> None:
+def test_every_study_is_practiced_with_fewer_trials(name: str) -> None:
     whole = files.load(shipped(name))
     with shortened(shipped(name), 1) as file:
         short = files.load(file)

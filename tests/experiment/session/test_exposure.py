@@ -429,7 +429,7 @@ def test_the_experimenter_is_told_that_the_session_is_over(
     def gone(event: Event) -> None:
         assert isinstance(event, Notice)
         told.append(event.text)
-        raise ScreenGone("the screen is gone")
+        raise ScreenGone("the terminal was closed")
 
     monkeypatch.setattr(exposed.console, "tell", gone)
     exposed.begin(Felt())
@@ -521,7 +521,7 @@ def test_no_stimulus_sounds_after_the_end_and_one_before_it_is_answered(
     one.actuator.landed = at  # type: ignore[method-assign]
     short = lasting(protocol, after_ms / 1e3)
     footer = one.run(short, header("virtual"), tmp_path)
-    over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
+    over = f"the session has reached the protocol's limit of {short.exposure.session_min:g} min"
     assert footer == Footer(reason="paused", detail=over, answered=len(sounded), silent=True)
     assert all(sound_ns <= ends_ns for sound_ns in sounded)
     # The contact is known after 300 ms, and 5 are left for the actuator.
@@ -566,7 +566,7 @@ def test_a_tracker_that_is_gone_is_waited_for_until_the_session_is_over(
     one.tracker.reconnect = stays_away  # type: ignore[method-assign]
     short = lasting(protocol, 59.5)
     footer = one.run(short, header("real"), tmp_path)
-    over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
+    over = f"the session has reached the protocol's limit of {short.exposure.session_min:g} min"
     assert footer == Footer(reason="paused", detail=over, answered=0)
     assert one.console.shown[1:] == approved
 
@@ -611,7 +611,7 @@ def test_a_screen_that_is_gone_pauses_the_session(protocol: Protocol, tmp_path: 
     one = bench("c")
 
     def gone() -> None:
-        raise ScreenGone("the screen is gone (Broken pipe)")
+        raise ScreenGone("the terminal was closed (Broken pipe)")
 
     one.console = ScriptedConsole(one.clock, "c", before_ask=gone)
     footer = one.run(protocol, header("virtual"), tmp_path)

@@ -102,7 +102,7 @@ def test_what_is_still_heard_at_the_limit_goes_on_record(
     one.console.instead[Agree] = lambda: Reply(YES if goes_on else NO)
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert not one.console.levels
-    told = "The participant still hears what the masker is to hide, at 54 dB(A), the limit."
+    told = "The participant can still hear the sound to be masked at the limit of 54 dB(A)."
     entries = journal.read(storage.journal_path(tmp_path, "01", "real")).entries
     assert [(one.trial, one.text) for one in entries if isinstance(one, Note)] == [(None, told)] * noted
 

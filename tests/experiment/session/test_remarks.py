@@ -127,7 +127,7 @@ def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Pa
         ),
         (
             Correct(trial=1, key="c", reason="misheard"),
-            "The answer of trial 1 is copy paper already. Nothing was corrected.",
+            "The answer to trial 1 is already copy paper. Nothing was corrected.",
         ),
         (
             Correct(trial=99, key="c", reason="no such trial"),
@@ -135,7 +135,7 @@ def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Pa
         ),
         (
             Correct(trial=1, key="q", reason="no answer"),
-            "'q' does not stand for an answer; type one of c a p t n. Nothing was corrected.",
+            "'q' is not the key of an answer; type one of c a p t n. Nothing was corrected.",
         ),
     ],
 )
@@ -204,7 +204,9 @@ def test_what_was_typed_too_early_is_on_record_and_answers_nothing(protocol: Pro
     assert isinstance(found[-1], Footer)
 
 
-@pytest.mark.parametrize("ended", [KeyboardInterrupt(), ScreenGone("the screen is gone")], ids=["Ctrl-C", "no screen"])
+@pytest.mark.parametrize(
+    "ended", [KeyboardInterrupt(), ScreenGone("the terminal was closed")], ids=["Ctrl-C", "no screen"]
+)
 @pytest.mark.parametrize("prompt", [TrialAnswer, Place, Debrief])
 def test_what_was_typed_before_the_question_that_ended_the_session_is_on_record(
     protocol: Protocol, tmp_path: Path, prompt: type, ended: BaseException

@@ -106,7 +106,7 @@ def test_familiarisation_lasts_as_long_as_the_protocol_asks(protocol: Protocol, 
     assert one.console.familiarised == 2, "100 s a time, 180 s wanted"
     # Once, before the first trial.
     assert one.console.instructed == [protocol.task("real").instruction]
-    early = "It is too early to go on: the protocol asks for 180 s of familiarisation, and 100 s have passed."
+    early = "It is too early to continue; the protocol requires 180 s of familiarization; 100 s have passed."
     assert one.console.shown.count(early) == 1
 
 
@@ -375,7 +375,7 @@ def test_a_session_goes_on_only_as_it_was_begun(
     protocol: Protocol, tmp_path: Path, change: dict[str, object], named: str
 ) -> None:
     bench("cq").run(protocol, header("real"), tmp_path)
-    with pytest.raises(JournalError, match=f"begun with another {named}"):
+    with pytest.raises(JournalError, match=f"started with a different {named}"):
         bench("pt").run(protocol, header("real").model_copy(update=change), tmp_path)
 
 

@@ -74,8 +74,11 @@ def stuck(step: Samples) -> Samples:
 @pytest.mark.parametrize(
     ("lie", "told"),
     [
-        (risen, "the tracker's heights jump from 15.0 to 17.9 mm inside the gate, as no foot does; fasten the sensor"),
-        (stuck, "the tracker's heights stay at 15.00 mm inside the gate, as no foot's do; restart the sensor"),
+        (
+            risen,
+            "the tracker's heights jump from 15.0 to 17.9 mm inside the gate, which no foot can do; fasten the sensor",
+        ),
+        (stuck, "the tracker's height stays at 15.00 mm inside the gate, which no foot can do; restart the sensor"),
     ],
 )
 def test_a_foot_that_only_seems_to_stop_is_told_as_its_trackers_fault(
@@ -291,7 +294,7 @@ def test_a_step_whose_times_jump_inside_the_gate_was_felt_and_does_not_count(
     one = bench("ccc", [replace(good[0], device_us=good[0].device_us + later), *good[1:]])
     assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     (broken,) = (entry for entry in entries(tmp_path, "virtual") if isinstance(entry, BrokenOff))
-    told = "the tracker's times leave room for 20 frames where 0 are missing; restart it, or have its clock mended"
+    told = "the tracker's times have gaps for 20 frames, but only 0 are missing; restart it, or have its clock repaired"
     assert (broken.trial, broken.attempt, broken.felt, broken.reason) == (1, 1, True, told)
     assert sum(f": {told}." in line for line in one.console.shown) == 1
     assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]

@@ -104,7 +104,7 @@ def test_the_plan_measures_the_spectra_that_a_task_does_not_present(
     assert only.budget is not None
     assert list(only.budget.materials) == ["polypropylene"]
     text = only.text()
-    assert "  off the nearest " in text
+    assert "  from the nearest " in text
     assert "copy paper" not in text.partition("error budget")[2]
 
 
@@ -335,7 +335,7 @@ def test_the_plan_lists_and_measures_what_each_task_leaves_out(
     assert all(omission.saves.ms > 0 for omission in real.left_out if omission.saves is not None)
     virtual = scene_cost.plan(protocol=protocol, task_id="virtual", **here)
     assert [omission.kind for omission in virtual.left_out] == ["steps"]
-    felt = "all are asked for: what lies outside 0 to 500 Hz reaches 3 m/s^2 rms at up to 600 mm/s"
+    felt = "all frequencies are requested: the part outside 0 to 500 Hz reaches 3 m/s^2 rms at up to 600 mm/s"
     assert f"bins      {felt}" in virtual.text()
     # The rig's response begins at 10 and ends at 600 Hz.
     assert any(need.startswith("fidelity ") and "34.64% (rms)" in need for need in virtual.needs)

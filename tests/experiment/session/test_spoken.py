@@ -201,7 +201,7 @@ def test_takes_that_cannot_be_used_are_asked_for_again_in_words(
     words = [material.spoken[0] for material in protocol.materials]
     assert console.said[1][:2] == (words[0], 1)
     assert console.said[1][2] == approved
-    (unlike,) = [line for line in console.shown if line.startswith("Takes are unlike")]
+    (unlike,) = [line for line in console.shown if line.startswith("The recordings of some answers differ")]
     assert unlike == approved
     # Whoever is named says both takes again; nobody else does.
     again = [word for word in words if f"'{word}'" in unlike]
@@ -311,9 +311,9 @@ def test_a_device_that_fails_ends_no_session_and_is_told(computing: Executor) ->
 @pytest.mark.parametrize(
     ("loud", "good", "words"),
     [
-        (Loudness(-61.2, False), True, "-61 dB of full scale"),
-        (Loudness(-200.0, False), False, "silent: nothing comes in"),
-        (Loudness(-10.0, True), False, "clipped: turn its level down"),
+        (Loudness(-61.2, False), True, "-61 dB re full scale"),
+        (Loudness(-200.0, False), False, "silent: no signal"),
+        (Loudness(-10.0, True), False, "clipped: turn down its level"),
     ],
 )
 def test_the_lamp_tells_how_the_microphone_is(loud: Loudness, good: bool, words: str, computing: Executor) -> None:
@@ -326,7 +326,7 @@ def test_the_lamp_tells_how_the_microphone_is(loud: Loudness, good: bool, words:
     clock.sleep_ns(int(ears.CLIPPED_S * 1e9) + 1)
     assert one.lamp().good is True
     one.enrolment = None
-    assert one.lamp().words.startswith("-60 dB of full ")
+    assert one.lamp().words.startswith("-60 dB re full ")
 
 
 def test_bench_has_no_microphone_by_itself(protocol: Protocol, tmp_path: Path) -> None:

@@ -189,7 +189,7 @@ def test_the_sessions_end_is_met_while_the_disk_hangs_and_both_are_told(
         beats = len(watched.felt.beats_s)
         wait_until(lambda: len(watched.felt.beats_s) > beats + 1)
         disk.answers.set()
-        wait_until(lambda: watched.log.waiting_s == 0 and "The disk answers again." in watched.console.shown)
+        wait_until(lambda: watched.log.waiting_s == 0 and "The disk is responding again." in watched.console.shown)
         assert {why for _, why in watched.felt.quieted} == {"it is over"}
         for one in aside:
             one.join(10)

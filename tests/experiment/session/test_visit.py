@@ -144,7 +144,7 @@ def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_ask
 
 
 def test_how_a_session_ended_is_said_in_sentences(approved: SnapshotAssertion) -> None:
-    over = Footer(reason="paused", detail="the protocol's 33 min of a session are over", answered=0)
+    over = Footer(reason="paused", detail="the session has reached the protocol's limit of 33 min", answered=0)
     said = [
         ending_words(COMPLETE),
         ending_words(COMPLETE, last=True),

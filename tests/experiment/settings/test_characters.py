@@ -81,7 +81,7 @@ def test_names_of_any_language_are_kept(text: str) -> None:
 @pytest.mark.parametrize("kind", [free, one_line, naming])
 def test_what_is_taken_for_another_letter_is_refused(kind: Callable[[str], str], text: str, odd: str) -> None:
     assert deceptive(text) == (odd,)
-    with pytest.raises(ValueError, match=rf"^holds U\+{ord(odd):04X}$"):
+    with pytest.raises(ValueError, match=rf"^contains U\+{ord(odd):04X}$"):
         kind(text)
     assert quoted(text).endswith(f"with U+{ord(odd):04X} ({unicodedata.name(odd)})")
     assert odd not in quoted(text)

@@ -78,7 +78,7 @@ MISTAKES = [
     ('key = "k"', f"key = {[*range(40)]}", "materials[1].key", "an array of 40", "one ASCII character"),
     ('key = "k"', "key = [[1], [2]]", "materials[1].key", "an array of 2", "one ASCII character"),
     ('key = "k"', 'key = ["k", 2]', "materials[1].key", "['k', 2]", "one ASCII character"),
-    ("    110,", "    40,", "footstep.synthesis.speeds_mm_s[1]", "40", "greater than the one before it (60)"),
+    ("    110,", "    40,", "footstep.synthesis.speeds_mm_s[1]", "40", "greater than the previous one (60)"),
     ("contact_mm = 0.5", "contact_mm = 9", "footstep.step.contact_mm", "9", "less than gate_bottom_mm (9)"),
     ("gate_bottom_mm = 9", "gate_bottom_mm = 19", "footstep.step.gate_bottom_mm", "19", "less than gate_top_mm (18)"),
     (
@@ -103,19 +103,19 @@ MISTAKES = [
         "'pink'",
         "no such key; did you mean 'noise'? allowed keys: cri",
     ),
-    ('key = "k"', 'key = "K"', "materials[1].key", "'K'", "one ASCII character, neither a capital letter nor"),
-    ('key = "k"', 'key = "0"', "answers.no_answer_key", "'0'", "a key of its own: materials[1].key has it already"),
-    ('id = "cork"', 'id = "Felt"', "materials[1].id", "'Felt'", "a name of its own: materials[0].id has it already"),
-    ('id = "cork"', 'id = "n/a"', "materials[1].id", "'n/a'", "any name but"),
-    ('spoken = ["cork"]', 'spoken = ["Cloth"]', "materials[1].spoken[0]", "'Cloth'", "a phrase of its own"),
+    ('key = "k"', 'key = "K"', "materials[1].key", "'K'", "one ASCII character, but no capital letter or space"),
+    ('key = "k"', 'key = "0"', "answers.no_answer_key", "'0'", "a unique key: materials[1].key already has this value"),
+    ('id = "cork"', 'id = "Felt"', "materials[1].id", "'Felt'", "a unique name: materials[0].id already has this"),
+    ('id = "cork"', 'id = "n/a"', "materials[1].id", "'n/a'", "any name except"),
+    ('spoken = ["cork"]', 'spoken = ["Cloth"]', "materials[1].spoken[0]", "'Cloth'", "a unique phrase"),
     (
         'spoken = ["cork"]',
         "spoken = []",
         "materials[1].spoken",
         "an array of 0",
-        "an array of at least 1, each one line",
+        "an array of at least 1, each a single line",
     ),
-    ('id = "two"', 'id = "Two"', "tasks[1].id", "'Two'", "lower-case letters and digits"),
+    ('id = "two"', 'id = "Two"', "tasks[1].id", "'Two'", "lowercase letters and digits"),
     ("participants = 4", "participants = 7", "tasks[1].participants", "7", "at most study.participants (6)"),
     (", max_run = 2 }", " }", "tasks[0].order.max_run", "nothing", "kind 'max-run' needs it"),
     (
@@ -133,11 +133,11 @@ MISTAKES = [
         "at least min_s (6)",
     ),
     ("max_s = 55", "max_s = 1980", "tasks[0].familiarisation.max_s", "1980", "less than the longest session"),
-    ("repetitions = 3", "repetitions = 201", "tasks[0].repetitions", "201", "at most 200 with order 'max-run'"),
+    ("repetitions = 3", "repetitions = 201", "tasks[0].repetitions", "201", "at most 200 with the order 'max-run'"),
     ("longest_min = 35", "longest_min = 19", "duration.longest_min", "19", "at least shortest_min (20)"),
     ("limit = 13", "limit = -1", "exclusion[0].limit", "-1", "a number at least 0"),
     ('action = "exclude-participant"', 'action = "exclude-trial"', "exclusion[1].action", "'exclude-trial'", "about a"),
-    ('id = "gone"', 'id = "gaps"', "exclusion[1].id", "'gaps'", "a name of its own"),
+    ('id = "gone"', 'id = "gaps"', "exclusion[1].id", "'gaps'", "a unique name"),
     ("chance = 0.5", "chance = 1", "analysis[0].chance", "1", "a number greater than 0 and less than 1"),
     ('form = "ICC(2,1)"', "chance = 0.5", "analysis[1].chance", "0.5", "'sign flips against chance' have this key"),
     (
@@ -145,7 +145,7 @@ MISTAKES = [
         'tasks = ["tow"]',
         "analysis[1].tasks[0]",
         "'tow'",
-        "a task of this protocol, one of: one, two",
+        "a task in this protocol, one of: one, two",
     ),
     ('tasks = ["one"]', 'tasks = ["one", "one"]', "analysis[1].tasks[1]", "'one'", "each task once"),
     ('test = "ICC"', 'test = "two-way ANOVA"', "analysis[1].tasks", "['one']", "at least 2 tasks"),
@@ -163,13 +163,13 @@ TEXTS = [
         "The <U+202E>first' with U+202E",
         "without",
     ),
-    ('id = "felt"', 'id = "(none)"', "materials[0].id", "'(none)'", "a letter or digit first"),
-    ('id = "felt"', 'id = "=felt"', "materials[0].id", "'=felt'", "a letter or digit first"),
+    ('id = "felt"', 'id = "(none)"', "materials[0].id", "'(none)'", "starts with a letter or digit"),
+    ('id = "felt"', 'id = "=felt"', "materials[0].id", "'=felt'", "starts with a letter or digit"),
     ('id = "felt"', r'id = "fe\u200dlt"', "materials[0].id", "'fe<U+200D>lt' with U+200D", "invisible"),
     ('id = "felt"', r'id = "f\u0435lt"', "materials[0].id", "'f<U+0435>lt' with U+0435 (CYRILLIC SMALL", "look-alike"),
     ('"Grey felt."', r'"Grey f\uff45lt."', "materials[0].description", "with U+FF45 (FULLWIDTH LATIN", "look-alike"),
     ('title = "The first"', r'title = "\u0338 it"', "tasks[0].title", "U+0338 (COMBINING LONG SOLIDUS", "stray marks"),
-    ('id = "gone"', r'id = "\u05d0\u05d1"', "exclusion[1].id", "with U+05D0 (HEBREW", "letters that run from right to"),
+    ('id = "gone"', r'id = "\u05d0\u05d1"', "exclusion[1].id", "with U+05D0 (HEBREW", "right-to-left letters"),
     ('id = "gone"', r'id = "go\nne"', "exclusion[1].id", "'go ne' with U+000A", "one line"),
 ]
 
@@ -273,7 +273,7 @@ def test_broken_syntax(tmp_path: Path, old: str, new: str, line: int, column: in
     assert problem.line == line
     assert problem.field == f"column {column}"
     assert allowed in problem.allowed
-    assert problem.allowed.endswith("mend this first")
+    assert problem.allowed.endswith("fix this first")
 
 
 @pytest.mark.parametrize(
@@ -281,7 +281,7 @@ def test_broken_syntax(tmp_path: Path, old: str, new: str, line: int, column: in
 )
 def test_what_no_file_needs_is_refused(tmp_path: Path, text: str) -> None:
     (problem,) = refused(tmp_path, text)
-    assert problem.allowed.startswith("at most 32 of ")
+    assert problem.allowed.startswith("at most 32 levels")
 
 
 @pytest.mark.parametrize("day", ["2020-02-01T07:32:00", "2020-02-01T07:32:00Z", "07:32:00"])

@@ -279,7 +279,7 @@ def test_nobody_is_enrolled_under_a_suspension(study: MadeStudy) -> None:
     assert "03" not in Roster.load(storage.roster_path(study.root)).consent_on
 
 
-@pytest.mark.parametrize(("place", "remedy"), [(0, "leave out --task"), (1, "no task is left")])
+@pytest.mark.parametrize(("place", "remedy"), [(0, "leave out --task"), (1, "this participant has no tasks left")])
 def test_whose_session_was_ended_hears_what_is_left(study: MadeStudy, place: int, remedy: str) -> None:
     own = study.tasks[0]
     if place:

@@ -16,7 +16,7 @@ from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.faults.wrong import copied
 
-CONCEALED = "concealed until its session begins (--reveal shows it, and the roster says so)"
+CONCEALED = "concealed until the session begins (--reveal shows it, and the roster records that)"
 
 
 @pytest.fixture(scope="module")

@@ -105,12 +105,12 @@ def test_what_a_backup_brings_back_is_refused_until_it_is_erased_again(made: Mad
     erase(study)
     shutil.copytree(made.root / "sourcedata" / "sub-02", study.root / "sourcedata" / "sub-02", dirs_exist_ok=True)
     for check in (build.build, tables.check_tables):
-        with pytest.raises(DatasetError, match="the data of participant 02 were erased, as the roster says"):
+        with pytest.raises(DatasetError, match="the roster records that the data of participant 02 were erased"):
             check(study.root)
     (found,) = [one for one in checks.findings(checks.load(study.root)) if one.check == "erased"]
     files = [one for one in (study.root / "sourcedata" / "sub-02").iterdir() if one.name[0] != "."]
     assert Path(found.where).name.endswith("_journal.jsonl")
-    assert f"this and {len(files) - 2} other files" in found.what
+    assert f"this and {len(files) - 2} of their other" in found.what
     assert verify(study.root).refused
     erase(study)
     assert erased(study)
@@ -156,8 +156,8 @@ def test_an_erasure_that_was_killed_is_finished_by_the_command_that_verify_says(
             erase(study)
     report = verify(study.root)
     (told,) = (one.clause() for one in report.findings if one.verdict == "refuses")
-    assert "the withdrawal of participant 02 is finished by the same command" in told
-    assert report.verdict == ("REFUSED: 1 finding speaks against this dataset. Do what the findings say.",)
+    assert "to finish the withdrawal of participant 02, run the same command again" in told
+    assert report.verdict == ("REFUSED: 1 finding speaks against this dataset. Follow the remedies above.",)
     assert not any("has no data" in one.clause() and storage.left_of(study.root, "02") for one in report.findings)
     command = told.partition("palpate ")[2]
     known = Roster.load(storage.roster_path(study.root)).erased
@@ -239,7 +239,7 @@ def test_an_erasure_is_asked_for_and_only_the_label_confirms_it(
     before = {path: path.read_bytes() for path in study.root.rglob("*") if path.is_file()}
     monkeypatch.setattr("sys.stdin", io.StringIO("" if typed is None else f"{typed}\n"))
     code, out, err = palpate(*asked(study, "--erase"))
-    question = "This deletes 1 session of participant 02 with 4 answers, for good. Type 02 to go on: "
+    question = "This permanently deletes 1 session with participant 02 and 4 answers. Type 02 to continue: "
     assert out.startswith(question)
     if typed and typed.strip() == "02":
         assert (code, erased(study)) == (0, True)
@@ -254,7 +254,9 @@ def test_an_erasure_that_is_asked_for_again_counts_nothing_that_is_gone(
     assert palpate(*asked(study, "--erase", "--yes"))[0] == 0
     monkeypatch.setattr("sys.stdin", io.StringIO("02\n"))
     code, out, _ = palpate(*asked(study, "--erase"))
-    question = "This deletes what is left of participant 02, who has no session here, for good. Type 02 to go on: "
+    question = (
+        "This permanently deletes the remaining data of participant 02, who has no session here. Type 02 to continue: "
+    )
     assert (code, out.startswith(question)) == (0, True)
 
 
@@ -280,7 +282,7 @@ def test_an_anchor_after_it_refuses_an_older_backup(
 ) -> None:
     _, out, _ = palpate(*asked(study, *more))
     number = re.findall(r"For the lab book: .* (\S+)\n", out)
-    assert out.endswith(f"Enter it in the register too: palpate anchor {study.root} --to REGISTER.\n")
+    assert out.endswith(f"To enter it in the register as well: palpate anchor {study.root} --to REGISTER.\n")
     assert verify(study.root, numbers=number).refused == 0
     shutil.copy(study.root / register.LOG, tmp_path / "register")
     shutil.rmtree(study.root)
@@ -355,7 +357,7 @@ def test_nothing_is_added_to_a_roster_older_than_a_session(study: MadeStudy, pal
         ("schedule", study.file, "-p", "01", "--reveal"),
     ):
         code, _, err = palpate(*command, "--dataset", study.root)
-        assert (code, "lacks a line that a session began under" in err) == (2, True), command
+        assert (code, "is missing a line that a session depends on" in err) == (2, True), command
         assert path.read_bytes() == before
 
 

@@ -48,7 +48,7 @@ def on_record(study: MadeStudy) -> list[tuple[int, str, str]]:
 
 
 def notes(path: Path) -> list[tuple[int | None, str]]:
-    return [(one.trial, one.text.partition(" of ")[0]) for one in journal.read(path).entries if isinstance(one, Note)]
+    return [(one.trial, one.text.partition(" in ")[0]) for one in journal.read(path).entries if isinstance(one, Note)]
 
 
 def test_an_event_is_told_in_a_session_and_in_a_pause(study: MadeStudy, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,7 +84,7 @@ def test_a_command_records_lists_and_tells_of_the_board(study: MadeStudy, palpat
     assert palpate("incident", study.file, "--number", 1, "--informed-on", today, *on)[0] == 2
     (known,) = Roster.load(storage.roster_path(study.root)).incidents
     assert (known.happened_on, known.informed_on) == (date(2001, 9, 10), today)
-    assert notes(study.journal()) == [(None, "Deviation 1")]
+    assert notes(study.journal()) == [(None, "Deviation 1 is")]
     assert known.sentence in palpate("incident", study.file, *on)[1]
     shown = status.status(study.root, today)
     assert shown.incidents == (known,)

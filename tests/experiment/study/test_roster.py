@@ -174,8 +174,8 @@ def test_what_has_happened_does_not_happen_again(roster: Roster, refuses: Refuse
     roster.append(Erased, participant="01")
     with refuses(RosterError):
         roster.append(Erased, participant="01")
-    for known in ("01; 02", "01 to 02; 03"):
-        said = f"participant '99' is not enrolled; allowed: {known} is the next to be enrolled"
+    for known in ("01; the next label is 02", "01 to 02; the next label is 03"):
+        said = f"participant '99' is not enrolled; allowed: {known}"
         with pytest.raises(RosterError, match=said):
             roster.withdraw("99", "asked to stop")
         roster.enrol(roster.next_label(), TODAY)
@@ -211,7 +211,7 @@ def test_a_torn_last_line_was_never_confirmed(roster: Roster) -> None:
 @pytest.mark.parametrize(
     ("entry", "why"),
     [
-        ({"kind": "enrolled", "participant": "02", "consent_on": None, "name": "x"}, "this is no roster entry"),
+        ({"kind": "enrolled", "participant": "02", "consent_on": None, "name": "x"}, "this is not a roster entry"),
         ({"kind": "enrolled", "participant": "03", "consent_on": None}, "got the label '03'; allowed: 02"),
         ({"kind": "withdrawn", "participant": "02", "reason": "x"}, "participant '02' is not enrolled"),
     ],
@@ -244,7 +244,7 @@ def test_a_line_that_could_not_be_read_again_is_not_written(roster: Roster) -> N
 def test_a_line_without_a_chain_is_refused_and_kept(roster: Roster, line: bytes) -> None:
     roster.enrol("01", TODAY)
     roster.path.write_bytes(roster.path.read_bytes() + line + b"\n")
-    refused_and_kept(roster, "roster.jsonl: line 2 is no chained line.*restore it from a backup")
+    refused_and_kept(roster, "roster.jsonl: line 2 is not a chained line.*restore it from a backup")
 
 
 def refused_and_kept(roster: Roster, why: str) -> None:

@@ -35,7 +35,7 @@ def test_consent_before_enrolment_is_refused_and_locks_nobody_out(
         enrolment.consent(protocol_file, "01", DAY, root=tmp_path / "study")
     assert not (tmp_path / "study").exists()
     path = enrolling.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
-    said = "participant '02' is not enrolled; allowed: 01; 02 is the next to be enrolled"
+    said = "participant '02' is not enrolled; allowed: 01; the next label is 02"
     with pytest.raises(RosterError, match=said):
         enrolment.consent(protocol_file, "02", DAY, root=tmp_path / "study")
     assert roster.Roster.load(path).consent_on == {"01": DAY}
@@ -110,7 +110,7 @@ def test_nobody_enrols_consents_or_withdraws_in_a_rehearsal(tmp_path: Path, prot
     root = tmp_path / "rehearsal"
     storage.write_json(storage.plan_path(root), {"label": "REHEARSAL"})
     (root / "sourcedata" / "sub-01").mkdir()
-    said = "a rehearsal, and its participants are simulated: nobody enrols"
+    said = "practice or rehearsal dataset with simulated participants: nobody enrolls"
     with pytest.raises(DatasetError, match=said):
         enrolling.enrol(protocol_file, "01", DAY, root=root, seed=1)
     with pytest.raises(DatasetError, match=said):

@@ -36,7 +36,7 @@ def test_where_a_response_does_not_rise(
         ([1.0], [1.0, 2.0], "allowed: two or more, strictly rising"),
         ([2.0, 1.0], [1.0, 2.0], r"got \[2\.0, 1\.0\]; allowed: two or more, strictly rising"),
         ([1.0, 1.0], [1.0, 2.0], "strictly rising"),
-        ([-1.0, 1.0], [1.0, 2.0], "none below 0"),
+        ([-1.0, 1.0], [1.0, 2.0], "0 or above"),
         ([1.0, np.nan], [1.0, 2.0], "frequencies_hz of the response: got 1 NaN or infinite"),
         ([1.0, 2.0], [0.0, 2.0], "levels_v of the response: .*; allowed: strictly rising, above 0"),
         ([1.0, 2.0], [2.0, 1.0], "levels_v of the response: .*; allowed: strictly rising, above 0"),

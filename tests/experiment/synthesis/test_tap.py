@@ -92,9 +92,9 @@ def test_l_and_d_come_back_from_a_straight_line() -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: tap.frequency_curve([1.0, 1.0], [2.0, 3.0]), "of which two differ"),
+        (lambda: tap.frequency_curve([1.0, 1.0], [2.0, 3.0]), "two of them different"),
         (lambda: tap.frequency_curve([1.0, 2.0], [0.0, 3.0]), "frequencies above zero"),
-        (lambda: tap.scaling([0.2, 0.2], [1.0, 1.0]), "two or more that differ"),
+        (lambda: tap.scaling([0.2, 0.2], [1.0, 1.0]), "two or more different speeds"),
         (lambda: tap.scaling([0.2, 0.4], [-1.0, -2.0]), "at 0.2 m/s; allowed: above zero"),
     ],
 )

@@ -80,7 +80,7 @@ class DriverActuator:
             self._process.close()
             self._open()
         if not self.is_silent():
-            raise ActuatorError("actuator", "an earlier stimulus may still play", "stop the device, then resume")
+            raise ActuatorError("actuator", "an earlier stimulus may still be playing", "stop the device, then resume")
         played = self._condition(stimulus)
         self._send(played.samples)
         return played
@@ -142,9 +142,9 @@ class DriverActuator:
         """
         if self._withdrawn:
             now_ns = self._clock.now_ns()
-            return Delivered(requested_ns=now_ns, xruns=0, delivered=False, reason="it was taken back before it began")
+            return Delivered(requested_ns=now_ns, xruns=0, delivered=False, reason="it was canceled before it began")
         if (requested_ns := self._start_ns) is None:
-            raise ActuatorError("actuator", "got a question about a stimulus that nothing set off", "aim it first")
+            raise ActuatorError("actuator", "got a request for a stimulus that was never started", "aim it first")
         began_ns, played, dropped, clipped = self._wait(requested_ns)
         onset_ns = began_ns - self._later_ns()
         error_ms = (onset_ns - requested_ns) / 1e6
@@ -195,7 +195,7 @@ class DriverActuator:
         self.start(samples)
         delivered = self.delivered(0)
         if delivered is not None and not delivered.delivered:
-            raise ActuatorError("actuator", delivered.reason, "see the device's own limits, or have its driver mended")
+            raise ActuatorError("actuator", delivered.reason, "check the device's limits, or have its driver corrected")
 
     def start(self, samples: NDArray[np.float32]) -> None:
         """Begin to play samples as `play` does. Raises `ActuatorError` for a driver that has failed."""

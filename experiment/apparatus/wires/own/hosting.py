@@ -23,7 +23,7 @@ from palpate.experiment.errors import PalpateError
 STARTS_S, OPENS_S = 10.0, 8.0
 """How long the process may take to be there, and its driver then to open the device, s; ours."""
 
-MENDED = "restart the device, or have the driver mended; then go on"
+MENDED = "restart the device, or have the driver corrected; then continue"
 
 
 class DriverProcess:
@@ -74,7 +74,7 @@ class DriverProcess:
         if self.opened is None:
             fault = self.fault or f"its driver '{self.named}' was still opening the device after {OPENS_S:g} s"
             self.close()
-            raise self.error(fault, "see that it is switched on and free, or have the driver mended")
+            raise self.error(fault, "check that it is switched on and not in use, or have the driver corrected")
 
     def _start(self, orders: dict[str, Any]) -> None:
         wanted, shown = secrets.token_bytes(process.SECRET_BYTES), secrets.token_bytes(process.SECRET_BYTES)
@@ -95,7 +95,7 @@ class DriverProcess:
                 self._process.kill()
                 if not isinstance(error, OSError):
                     raise
-                raise self.error(f"the process of its driver did not begin ({error})", "try again") from error
+                raise self.error(f"its driver's process did not start ({error})", "try again") from error
 
     def send(self, *message: Any) -> None:
         """Send a message, unless nobody is there any more."""

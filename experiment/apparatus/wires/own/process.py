@@ -108,7 +108,7 @@ def opened(orders: dict[str, Any], needed: tuple[str, ...]) -> Any:
     driver = blamed("open", construct)
     rate_hz = blamed("rate_hz", getattr, driver, "rate_hz", None)
     if None not in (rate_hz, orders["rate_hz"]) and rate_hz != orders["rate_hz"]:
-        raise DriverFault("rate_hz", f"it is {rate_hz!r:.40}, and {orders['rate_hz']} in the rig file")
+        raise DriverFault("rate_hz", f"it is {rate_hz!r:.40}, but {orders['rate_hz']} in the rig file")
     return driver
 
 
@@ -214,9 +214,9 @@ def _sent(result: Any, length: int, asked_ns: int) -> tuple[int, int, int, int]:
     except (TypeError, ValueError) as error:
         raise DriverFault("play", f"it returned {result!r:.60}, not {wanted}") from error
     if min(played, dropped, clipped) < 0 or played + dropped > length or clipped > played:
-        raise DriverFault("play", f"of {length} samples it returned {result!r:.60}: {wanted}")
+        raise DriverFault("play", f"for {length} samples, it returned {result!r:.60}: {wanted}")
     if not asked_ns - 1e9 <= began_ns <= time.monotonic_ns() + LEAD_S * 1e9:
-        raise DriverFault("play", f"it returned began_ns {began_ns}, which is not of time.monotonic_ns()")
+        raise DriverFault("play", f"it returned began_ns {began_ns}, which is not a time of time.monotonic_ns()")
     return began_ns, played, dropped, clipped
 
 
@@ -241,8 +241,8 @@ class Input(Role):
                 recent.popleft()
             lasted_s, due_s = (first_ns - recent[0][1]) / 1e9, (count - recent[0][0]) / self._rate_hz
             if abs(lasted_s - due_s) > WATCHED_S * PART:
-                came = f"{count - recent[0][0]} samples in {lasted_s:.3f} s by its times"
-                raise DriverFault("read", f"{came}, not {self._rate_hz} a second")
+                came = f"{count - recent[0][0]} samples in {lasted_s:.3f} s by its timestamps"
+                raise DriverFault("read", f"{came}, not {self._rate_hz} per second")
             count += samples.size
             self._line.send((BLOCK, first_ns, samples))
 
@@ -255,11 +255,11 @@ def _block(result: Any) -> tuple[int, NDArray[np.float64]]:
     except (TypeError, ValueError) as error:
         raise DriverFault("read", f"it returned {result!r:.60}, not (first_ns, samples)") from error
     if samples.ndim != 1 or not samples.size:
-        raise DriverFault("read", f"it returned samples of shape {samples.shape}, not (n,), at least one")
+        raise DriverFault("read", f"it returned samples of shape {samples.shape}, not (n,) with at least one sample")
     if not np.isfinite(samples).all():
         raise DriverFault("read", "it returned NaN or infinite samples")
     if abs(first_ns - time.monotonic_ns()) > 60e9:
-        raise DriverFault("read", f"it returned first_ns {first_ns}, which is not of time.monotonic_ns()")
+        raise DriverFault("read", f"it returned first_ns {first_ns}, which is not a time of time.monotonic_ns()")
     return first_ns, samples
 
 
@@ -367,7 +367,7 @@ def main() -> None:
     shown, wanted = map(bytes.fromhex, sys.stdin.readline().split())
     there.sendall(shown)
     if line.recv_bytes(len(wanted)) != wanted:
-        sys.exit("another program listens there")
+        sys.exit("another program is listening there")
     orders = line.recv()
     role, is_open = ROLES[orders["role"]], threading.Event()
     threading.Thread(target=_watch_opening, args=(line, is_open), daemon=True).start()

@@ -8,34 +8,34 @@ from palpate.experiment.protocol.page.words import DesignWords
 
 def _question_words(protocol: Protocol) -> str:
     comparison = protocol.table(Comparison)
-    tie = ", or neither" if comparison.tie_key is not None else "; they have to choose"
+    tie = ", or neither" if comparison.tie_key is not None else "; they must choose one"
     return f"Participants say which of the two has more {named(comparison.quality)}{tie}."
 
 
 def _ranked(protocol: Protocol) -> str:
     comparison = protocol.table(Comparison)
     if comparison.ordered:
-        return f"From the least {named(comparison.quality)} to the most:"
-    return f"In no order of {named(comparison.quality)}, so that no choice is right or wrong:"
+        return f"In order, from least to most {named(comparison.quality)}:"
+    return f"The materials are not ranked by {named(comparison.quality)}, so no choice is right or wrong:"
 
 
 WORDS = DesignWords(
     answers=lambda protocol: list(protocol.table(Comparison).answers.items()),
     noun="pair",
     tests={
-        "factors": "what a doubling of each number that varies over the stimuli adds on a scale of Bradley and Terry, "
-        "with 95 % intervals over participants",
-        "delays": "what a vibration adds that comes earlier or later than the touch, on a scale of Bradley and Terry, "
-        "and which delay is just noticed, with 95 % intervals over participants",
-        "crossover": "where on a scale of Bradley and Terry over the crossover from force to vibration most of the "
-        "quality lies, with its 95 % interval over participants",
+        "factors": "the effect of doubling each number that varies between stimuli on a Bradley-Terry scale, with 95 % "
+        "confidence intervals across participants",
+        "delays": "the effect of a vibration before or after the touch on a Bradley-Terry scale, and the just "
+        "noticeable delay, with 95 % confidence intervals across participants",
+        "crossover": "the crossover from force to vibration that has the most of the quality on a Bradley-Terry "
+        "scale, with its 95 % confidence interval across participants",
     },
     track="each two materials",
     pairs=lambda _: (
-        "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at random, "
-        "the one of its materials is presented first, in the other half the other."
+        "A pair is two of the materials, or the same one twice. In half of a pair's trials, selected at random, one "
+        "of its materials comes first; in the other half, the other comes first."
     ),
     asked=_question_words,
     ranked=_ranked,
-    index="The share of trials in which a participant named one of two materials, for each task and pair.",
+    index="The proportion of trials in which a participant chose one of the two materials, for each task and pair.",
 )

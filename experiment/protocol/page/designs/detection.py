@@ -13,21 +13,21 @@ GUESSED = 0.5
 
 def _block(protocol: Protocol) -> str:
     own = protocol.table(Detection)
-    of_signals = f"A block has {count(own.signal_trials, 'trial')} of each signal"
-    blank = "" if own.blank is None else f", which is every material but {named(own.blank)}"
+    of_signals = f"A block has {count(own.signal_trials, 'trial')} with each signal"
+    blank = "" if own.blank is None else f" (every material except {named(own.blank)})"
     if own.intervals == 2:
         return (
-            f"{of_signals}{blank}. A trial presents a signal and {named(own.blank or '')}; in half of the trials "
-            "drawn for a signal, at random and before the first trial, it comes first, in the other half second."
+            f"{of_signals}{blank}. Each trial presents a signal and {named(own.blank or '')}. The signal comes first "
+            "in half of its trials and second in the other half, selected at random before the first trial."
         )
     if not own.catch_trials:
         return f"{of_signals}{blank}. Every trial presents a signal."
-    return f"{of_signals}{blank}, and {count(own.catch_trials, 'catch trial')}, which presents that alone."
+    return f"{of_signals}{blank} and {count(own.catch_trials, 'catch trial')} without a signal."
 
 
 def _question_words(protocol: Protocol) -> str:
     if protocol.table(Detection).intervals == 2:
-        return "Participants say in which of the two intervals they felt something; they have to choose."
+        return "Participants say in which of the two intervals they felt something; they must choose one."
     return "Participants say whether they felt something."
 
 
@@ -35,7 +35,7 @@ def _odd(protocol: Protocol) -> Iterator[tuple[str, str, str]]:
     own = protocol.table(Detection)
     for place, test in enumerate(protocol.analysis):
         if test.test == "sensitivity" and own.intervals == 1 and not own.catch_trials:
-            allowed = "as a rule 1 or more with a test 'sensitivity': without trials of nothing there is no d'"
+            allowed = "usually 1 or more with the test 'sensitivity': d' requires catch trials"
             yield "detection.catch_trials", f"0, and analysis[{place}].test is 'sensitivity'", allowed
     for place, task in enumerate(protocol.tasks):
         levels = task.levels
@@ -43,10 +43,10 @@ def _odd(protocol: Protocol) -> Iterator[tuple[str, str, str]]:
             continue
         up, down = levels.up or 1, levels.down or 0
         if down and (up / (up + 1)) ** (1 / down) <= GUESSED:
-            allowed = "as a rule 2 or more, or so for up: who guesses is right in half of the trials, where this aims"
+            allowed = "usually 2 or more (or a higher `up`): this rule converges on 50 % correct, the guess rate"
             yield f"tasks[{place}].levels.down", f"{down}", allowed
         if levels.guess is not None and abs(levels.guess - GUESSED) > GUESSED / 10:
-            allowed = "as a rule 0.5: who guesses between two intervals is right in half of the trials"
+            allowed = "usually 0.5: a guess between two intervals is correct in half of the trials"
             yield f"tasks[{place}].levels.guess", f"{levels.guess:g}", allowed
 
 
@@ -58,7 +58,7 @@ WORDS = DesignWords(
     pairs=_block,
     asked=_question_words,
     tests={
-        "threshold": "thresholds of psychometric functions, fitted to each participant's answers",
+        "threshold": "thresholds from psychometric functions fitted to each participant's answers",
         "sensitivity": "d' of each participant",
     },
     index="The threshold of each participant for each signal.",

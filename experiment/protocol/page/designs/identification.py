@@ -6,14 +6,14 @@ from palpate.experiment.protocol.page.words import DesignWords
 WORDS = DesignWords(
     answers=lambda protocol: [(material.key, named(material.id)) for material in protocol.materials],
     tests={
-        "equivalence": "two one-sided tests over participants of equivalence",
-        "sign flips against chance": "exact test by sign flips over participants against chance",
-        "sign flips between tasks": "exact test by sign flips over participants who did both tasks",
-        "sign flips between materials": "exact test by sign flips over participants between pairs of materials",
-        "repeated measures": "analysis of variance by repeated measures, corrected by Huynh and Feldt",
-        "logit with participants": "logit in which participants differ in level, by material and by task",
-        "order of tasks": "exact test over participants of the order in which they did the tasks",
-        "difference of groups": "permutation test of Welch's t over participants between groups",
+        "equivalence": "two one-sided tests of equivalence across participants",
+        "sign flips against chance": "exact sign-flip test against chance across participants",
+        "sign flips between tasks": "exact sign-flip test between tasks across participants who did both",
+        "sign flips between materials": "exact sign-flip test between pairs of materials across participants",
+        "repeated measures": "repeated-measures analysis of variance with the Huynh-Feldt correction",
+        "logit with participants": "logit model by material and task, in which participants vary in overall level",
+        "order of tasks": "exact test of task order across participants",
+        "difference of groups": "permutation test of Welch's t between groups of participants",
     },
-    index="The share of right answers of a participant, for each task and material.",
+    index="Each participant's proportion correct, for each task and material.",
 )

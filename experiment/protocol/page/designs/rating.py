@@ -10,8 +10,8 @@ def _question_words(protocol: Protocol) -> str:
     rating = protocol.table(Rating)
     told = "."
     if rating.standard is not None and rating.modulus is not None:
-        told = f"; they are told that {named(rating.standard)} has a rating of {number(rating.modulus)}."
-    return f"Participants say how much {named(rating.quality)} each material has, on this scale{told}"
+        told = f"; they are told that {named(rating.standard)} rates {number(rating.modulus)}."
+    return f"Participants rate how much {named(rating.quality)} each material has on this scale{told}"
 
 
 def _ranked(protocol: Protocol) -> str:
@@ -19,7 +19,7 @@ def _ranked(protocol: Protocol) -> str:
     if not rating.magnitudes:
         return ""
     stated = ", ".join(f"{named(one.material)} {number(one.value)}" for one in rating.magnitudes)
-    return f"Ratings may be a power of what is physical, {stated} {rating.unit}."
+    return f"Ratings may follow a power function of the physical magnitude: {stated} {rating.unit}."
 
 
 WORDS = DesignWords(
@@ -27,8 +27,8 @@ WORDS = DesignWords(
     asked=_question_words,
     ranked=_ranked,
     tests={
-        "mean ratings": "analysis of variance of mean ratings by repeated measures, corrected by Huynh and Feldt",
+        "mean ratings": "repeated-measures analysis of variance of mean ratings with the Huynh-Feldt correction",
         "agreement of ratings": "intraclass correlations of mean ratings",
-        "power law": "ratings as a power of what is physical, fitted to each participant",
+        "power law": "power function of the physical magnitude, fitted to each participant's ratings",
     },
 )

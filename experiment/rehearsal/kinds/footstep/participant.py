@@ -166,7 +166,7 @@ class Observer:
         """Return what is remembered of panel and materials, linear between familiar speeds, (1 + M, B)."""
         if self._remembered is None:
             raise SessionError(
-                "the simulated participant does not know the materials", remedy="let it familiarise itself first"
+                "the simulated participant does not know the materials", remedy="run the familiarization first"
             )
         speeds = FAMILIAR_SPEEDS_MM_S
         lower = int(np.clip(np.searchsorted(speeds, speed_mm_s) - 1, 0, len(speeds) - 2))
@@ -242,7 +242,7 @@ class SimulatedParticipant(SimulatedPerson):
     def ask(self, question: Question | Arm) -> Reply:
         match question:
             case Say(words=words, why=why):
-                self.show(f"Take {question.take} of {question.takes}: '{words}'{f' ({why})' if why else ''}")
+                self.show(f"Recording {question.take} of {question.takes}: '{words}'{f' ({why})' if why else ''}")
                 if self.speaker is not None:
                     self.speaker.say(words, BEFORE_SAID_S)
                     return Reply(question.choices[0].key)
@@ -265,8 +265,8 @@ class SimulatedParticipant(SimulatedPerson):
         self._rested = self._rested + 1 if why else 1
         if self._rested > MOST_RESTS:
             raise TrackerError(
-                f"{why}; the simulated foot rested {MOST_RESTS} times and cannot rest otherwise",
-                remedy="give a rig and a protocol that agree",
+                f"{why}; the simulated foot rested {MOST_RESTS} times and cannot rest any other way",
+                remedy="use a rig and a protocol that match",
             )
         self.show(f"{why or 'Zeroing'}: the foot rests on the panel")
         self.foot.put_down()
@@ -282,7 +282,7 @@ class SimulatedParticipant(SimulatedPerson):
             # Simulated time passes nowhere else; a foot that streams by the clock only has to know when.
             self.clock.sleep_ns(begin_ns - now_ns)
         while self.panel is not None and self.panel.felt(0) is not None:
-            self.show("The participant felt a stimulus of an attempt that did not count")
+            self.show("The participant felt a stimulus in an attempt that did not count")
         whim = self._rng(trial, attempt, 2)
         in_vain: Hesitation | None = None
         if whim.random() < IN_VAIN:

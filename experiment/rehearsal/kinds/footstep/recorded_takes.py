@@ -220,9 +220,11 @@ def generic(materials: Iterable[str]) -> str:
     """Return a sentence that names those of the materials that are simulated generically; nothing without any."""
     names = [f"'{material}'" for material in materials if material not in CRACKLES]
     if len(names) < 2:
-        return "".join(f"The material {name} is simulated generically: it resembles nothing." for name in names)
+        return "".join(
+            f"The simulation of {name} is generic: it does not resemble the real material." for name in names
+        )
     listed = f"{', '.join(names[:-1])} and {names[-1]}"
-    return f"The materials {listed} are simulated generically: they resemble nothing."
+    return f"The simulation of {listed} is generic: it does not resemble the real materials."
 
 
 AIM_SIGMA = 0.07
@@ -310,8 +312,8 @@ def session(planned: Plan, *, seed: int) -> RecordingSession:
         if strays_from_table_3(drawn) <= TABLE_3_TOLERANCE:
             return drawn
     raise RecordingError(
-        f"none of {MOST_SESSIONS} simulated sessions came within {TABLE_3_TOLERANCE} of Table 3",
-        remedy="give another seed, or fit the parameters of the simulated materials again",
+        f"none of {MOST_SESSIONS} simulated sessions were within {TABLE_3_TOLERANCE} of Table 3",
+        remedy="use another seed, or refit the parameters of the simulated materials",
     )
 
 
@@ -345,8 +347,8 @@ def note(drawn: RecordingSession) -> str:
         origins = ("materials fitted to Table 3 of Okamoto et al." if fitted else "", generic(drawn.planned.materials))
         return "; ".join(filter(None, (f"session {drawn.number}", *origins)))
     return (
-        f"session {drawn.number}, the first from 0 on within {TABLE_3_TOLERANCE} of Table 3 of Okamoto et al. as "
-        "drawn; the materials were fitted to that table too: agreement with it is made, not found"
+        f"session {drawn.number}, the first (counting from 0) whose draws are within {TABLE_3_TOLERANCE} of Table 3 "
+        "of Okamoto et al. The materials were also fitted to that table, so agreement with it is not evidence"
     )
 
 

@@ -106,9 +106,9 @@ class SimulatedExperimenter:
         if attempt > MOST_ATTEMPTS:
             raise RecordingError(
                 f"{condition.material or 'bare panel'} at {condition.speed_mm_s:g} mm/s",
-                f"got {MOST_ATTEMPTS} attempts, none of them good (the last: {'; '.join(self.problems)})",
-                "give other speeds, or another rig",
-                allowed="what the rig can record",
+                f"none of {MOST_ATTEMPTS} attempts was usable (the last: {'; '.join(self.problems)})",
+                "use other speeds, or another rig",
+                allowed="speeds that the rig can record",
             )
         drawn = self.session.attempt(condition, attempt)
         rng = self.session.rng(condition, attempt, 1)
@@ -138,14 +138,14 @@ def record_simulated(
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if not rig.rig.simulated:
         raise RecordingError(
-            rig_file, "is a real rig", "leave out --simulated", allowed="one that says simulated = true"
+            rig_file, "is a real rig", "leave out --simulated", allowed="a rig file with simulated = true"
         )
     settings = tracker_of(rig)
     if settings.zeroing_mm is not None:
         raise RecordingError(
             rig_file,
             f"tracker.zeroing_mm: got {settings.zeroing_mm:g}",
-            "leave it out of this rig file",
+            "remove this key from the rig file",
             allowed="none, because no foot rests on the panel in simulated time",
         )
     rigs.check(rig, protocol.table(Footstep).step)
@@ -193,7 +193,7 @@ def fresh_takes(recorded: Recordings, *, seed: int) -> Recordings:
         raise RecordingError(
             "fresh takes",
             "got none",
-            Remedy("record them with {}, then name their folder with --fresh", (*RECORD, *fresh), suffices=False),
+            Remedy("record them with {}, then give their folder with --fresh", (*RECORD, *fresh), suffices=False),
             allowed="takes of the real materials, because the recordings are real",
         )
     planned = Plan(

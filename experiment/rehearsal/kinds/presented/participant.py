@@ -116,7 +116,7 @@ class Presentee(SimulatedPerson):
             case Arm(attempt=attempt):
                 self._attempt, self._felt = attempt, []
                 if self._collected() is not None:
-                    self.show("The participant felt a stimulus of an attempt that did not count")
+                    self.show("The participant felt a stimulus in an attempt that did not count")
             case Play(trial=trial):
                 self.clock.sleep_ns(int(self._rng(trial, self._attempt, 0).uniform(*PRESSES_S) * 1e9))
         return super().ask(question)

@@ -136,7 +136,7 @@ class SimulatedTapper(SimulatedPerson):
     def _tap(self, fingers: Fingers, rng: np.random.Generator) -> tuple[float, float]:
         """Tap the surface that lies there, and return how hard that felt, and its error in discriminations."""
         if fingers.panel is None:
-            raise ActuatorError("the simulated fingers have no actuator", remedy="give a rig with one")
+            raise ActuatorError("the simulated fingers have no actuator", remedy="use a rig with an actuator")
         felt, left = self._once(fingers, fingers.panel, rng), TAPS_AT_MOST - 1
         while felt is None and left and not self.clock.simulated:
             felt, left = self._once(fingers, fingers.panel, rng), left - 1
@@ -151,7 +151,7 @@ class SimulatedTapper(SimulatedPerson):
     def _once(self, fingers: Fingers, panel: Panel | CardPanel, rng: np.random.Generator) -> NDArray[np.float64] | None:
         """Tap once, and return what was felt of it, m/s^2, shape (n,); None for nothing at all."""
         while panel.felt(0) is not None:
-            self.show("The participant felt a vibration of a tap that did not count")
+            self.show("The participant felt a vibration from a tap that did not count")
         path = hand.tap(rng)
         if fingers.device is not None:
             path = pushed.moved(path, fingers.device)

@@ -97,10 +97,11 @@ def generic(materials: Sequence[str]) -> str:
     strange = [material for material in materials if material not in TABLE_1]
     if not strange:
         return (
-            "The SIMULATED participants' judgement of virtual taps is fitted to Table 3 of Wellman and Howe, so that "
-            "choices like those of that table are no evidence. That of live taps is fitted to nothing."
+            "The SIMULATED participants' judgment of virtual taps is fitted to Table 3 of Wellman and Howe, so "
+            "agreement with that table is not evidence. Their judgment of real taps is not fitted."
         )
     return (
-        f"Table 1 of Wellman and Howe does not have {', '.join(strange)}, so that all materials are simulated "
-        "generically, by their order in the protocol or, if it has none, by a hash: they resemble nothing."
+        f"Table 1 of Wellman and Howe does not include {', '.join(strange)}, so the simulation of all materials is "
+        "generic: it follows their order in the protocol (or a hash, if they have no order) and does not resemble "
+        "the real materials."
     )

@@ -32,11 +32,11 @@ def omissions(
 
         yield from foot_force.missing(rig)
     most = protocol.table(Footstep).synthesis.left_out_max
-    allowed = f"{most * 100:.6g}%" if most else "anything, for the protocol has no footstep.synthesis.left_out_max"
+    allowed = f"{most * 100:.6g}%" if most else ("any share, because it has no footstep.synthesis.left_out_max")
     folder = recordings or (dataset or default_root(protocol)) / storage.RECORDINGS
     if recordings is None and not folder.exists():
-        missing = f"there are no recordings in {folder} yet, of which a rig may leave out {allowed}"
-        yield unchecked(NAME, missing, "give their folder, with --recordings")
+        missing = f"{folder} has no recordings yet; a rig may leave out {allowed}"
+        yield unchecked(NAME, missing, "give their folder with --recordings")
         return
     try:
         share = judged(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=folder)
@@ -62,10 +62,10 @@ def examine(
         if most is not None:
             limited = f"the protocol {allowed} of a vibration to be left out"
             return "", RecordingError(
-                f"{limited}, and {folder} has no recordings", remedy="name their folder (--recordings)"
+                f"{limited}, and {folder} has no recordings", remedy="give their folder (--recordings)"
             )
-        limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
-        return f"{name}: {limitless}. Name the folder of recordings (--recordings) to see what is left out.", None
+        limitless = "the protocol does not limit how much of a vibration a rig may leave out"
+        return f"{name}: {limitless}. To see what is left out, give the recordings folder (--recordings).", None
     told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
     every: dict[str, list[Played]] = {}
     for each in scene.played(protocol):
@@ -73,8 +73,8 @@ def examine(
         every |= played(spectra, protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     scales = {material: tuple(one.scale * one.panel_scale for one in of) for material, of in every.items()}
     bound = binding(scales, protocol) + noticing(felt_on(every, rig=rig, rig_folder=rig_file.parent), protocol)
-    mend = "palpate plan says what would lower this"
-    return f"{name}: {told}. The protocol {allowed}; {mend}. {bound} The recordings are those in {folder}.", None
+    mend = "palpate plan shows how to lower this"
+    return f"{name}: {told}. The protocol {allowed}; {mend}. {bound} The recordings are in {folder}.", None
 
 
 def noticing(felt: Mapping[str, Sequence[Felt]], protocol: Protocol) -> str:
@@ -84,9 +84,9 @@ def noticing(felt: Mapping[str, Sequence[Felt]], protocol: Protocol) -> str:
         return ""
     worst, speed_mm_s, material = max(every, key=lambda one: one[0].noticed_at_least)
     return (
-        f" The panel changes {material} most, at {speed_mm_s:.0f} mm/s: by {worst.third_octave_db:.1f} dB in a third "
-        f"octave. By a model from published thresholds, which nobody tested on this rig, a person notices that in "
-        f"{worst.noticed_at_least:.0%} to {worst.noticed_at_most:.0%} of comparisons, without guessing."
+        f" The panel changes {material} at {speed_mm_s:.0f} mm/s the most: by {worst.third_octave_db:.1f} dB in a "
+        "third octave. A model from published thresholds, untested on this rig, predicts that a person would notice "
+        f"this in {worst.noticed_at_least:.0%} to {worst.noticed_at_most:.0%} of comparisons, excluding guesses."
     )
 
 
@@ -96,10 +96,10 @@ def binding(scales: Mapping[str, Sequence[float]], protocol: Protocol) -> str:
     for material, of in scales.items():
         if down := [(v, scale) for v, scale in zip(speeds, of, strict=True) if scale <= 1 - WEAKER]:
             least = min(down, key=lambda one: one[1])
-            bound.append(f"{material} from {down[0][0]:.0f} mm/s on, to {least[1]:.0%} at {least[0]:.0f} mm/s")
-    limits = f"The limits of panel ({protocol.exposure.vibration_peak_m_s2:g} m/s^2) and amplifier"
+            bound.append(f"{material} from {down[0][0]:.0f} mm/s up, to {least[1]:.0%} at {least[0]:.0f} mm/s")
+    limits = f"The limits of the panel ({protocol.exposure.vibration_peak_m_s2:g} m/s^2) and the amplifier"
     if not bound:
-        return f"{limits} scale no vibration down from {speeds[0]:.0f} to {speeds[-1]:.0f} mm/s."
+        return f"{limits} do not scale down any vibration from {speeds[0]:.0f} to {speeds[-1]:.0f} mm/s."
     unequal = len(bound) < len(scales) or len({tuple(of) for of in scales.values()}) > 1
     warned = " Materials are scaled unequally, which participants may notice." if unequal else ""
     return f"{limits} scale vibrations down: {'; '.join(bound)}.{warned}"

@@ -189,16 +189,15 @@ class ErrorBudget:
     def lines(self) -> list[str]:
         """Return it for a terminal."""
         slowest, *_, fastest = self.speeds_mm_s
-        unknown = f"  {UNKNOWN[0].upper()}{UNKNOWN[1:]}: this counts as if it carried all."
+        unknown = f"  {UNKNOWN[0].upper()}{UNKNOWN[1:]}: the budget assumes it carries all frequencies."
         return [
-            "error budget: percent (rms) of what equations (1) to (5) ask for, least and most over "
-            f"{len(self.speeds_mm_s)} speeds",
+            f"error budget: percent (rms) of equations (1) to (5), range across {len(self.speeds_mm_s)} speeds",
             f"from {slowest:.4g} to {fastest:.4g} mm/s",
             *_table([["", *self.materials], *self._causes()]),
             *([unknown] if self.carries_hz is None else []),
             *(wrapped(f"  {ASSUMED}") if self._takes_volts else []),
             "",
-            "beside it, and in no total",
+            "reported separately, not in the total",
             *_table(self._companion_rows()),
             *wrapped(f"  {BESIDE}"),
             *(wrapped(f"  {FELT}") if self._is_measured else []),
@@ -216,7 +215,7 @@ class ErrorBudget:
             for field, name, _ in causes(self.carries_hz)
             if field != "inverse" or self._inverted
         ]
-        rows.append(["all of it", *(percent(*one.range(attrgetter("total"))) for one in each)])
+        rows.append(["total", *(percent(*one.range(attrgetter("total"))) for one in each)])
         return rows
 
     def _companion_rows(self) -> list[list[str]]:
@@ -224,16 +223,16 @@ class ErrorBudget:
         off = [one.range(attrgetter("dissimilarity_m_s2")) for one in each]
         rows = [
             ["", *self.materials],
-            ["off what was asked for, (6)", *(_range_words(*one, "{:.3g}".format) for one in off)],
-            ["off the nearest material, (6)", *(_range_of(one.nearest_m_s2, "{:.3g}".format) for one in each)],
-            ["a speed from its neighbours", *(_up_to(one.interpolation) for one in each)],
-            ["standard error over takes", *(_up_to(one.averaging) for one in each)],
+            ["from the request, (6)", *(_range_words(*one, "{:.3g}".format) for one in off)],
+            ["from the nearest material, (6)", *(_range_of(one.nearest_m_s2, "{:.3g}".format) for one in each)],
+            ["a speed from its neighbors", *(_up_to(one.interpolation) for one in each)],
+            ["standard error across takes", *(_up_to(one.averaging) for one in each)],
         ]
         rows += sampling.profile_rows([one.profile for one in each], _up_to)
         if self._takes_volts:
             rows.append(["W interpolated, (7)", *(_range_of(one.other_reading, _percent) for one in each)])
         if self._inverted:
-            rows.append(["before it, by the inverse", *(percent(*one.range(attrgetter("before"))) for one in each)])
+            rows.append(["before onset, by the inverse", *(percent(*one.range(attrgetter("before"))) for one in each)])
         if self._is_measured:
             for name, value, shown in FELT_ROWS:
                 rows.append([name, *(_range_of(tuple(map(value, one.felt)), shown) for one in each)])
@@ -242,19 +241,19 @@ class ErrorBudget:
     def _timing(self) -> str:
         known = [(v, ms) for v, ms in zip(self.speeds_mm_s, self.aims_ms, strict=True) if ms is not None]
         if not known and self.schedules is None:
-            return f"timing: not known, for {OWN}; without lead_s the stimulus sounds after contact"
+            return f"timing: unknown; {OWN}; without lead_s the stimulus starts after contact"
         if not known:
             why = (
                 "its onset can never be scheduled in time"
                 if self.schedules
-                else "this actuator cannot be told when to begin"
+                else "this actuator cannot start at a set time"
             )
-            return f"timing: the stimulus sounds after contact, for {why}"
+            return f"timing: the stimulus starts only after contact, because {why}"
         slow, fast = known[0], known[-1]
         early = f", {self.ahead_ms:g} ms before it," if self.ahead_ms else ""
         return (
             f"timing: contact has a standard error of {slow[1]:.2f} ms at {slow[0]:.0f} mm/s and {fast[1]:.2f} ms at "
-            f"{fast[0]:.0f} mm/s when the onset{early} is moved last"
+            f"{fast[0]:.0f} mm/s when the onset{early} is last updated"
         )
 
     def _lowered(self) -> list[str]:
@@ -265,12 +264,12 @@ class ErrorBudget:
             if max(one.range(attrgetter(field))[1] for one in each) >= SHOWN
         ]
         if any(one.interpolation is not None for one in each):
-            told.append("speeds and takes: recordings at more speeds, more takes of each")
+            told.append("speeds and takes: recordings at more speeds, and more takes at each")
         if self.schedules is None:
-            return [*told, f"timing: a driver that states lead_s; {OWN}"]
+            return [*told, f"timing: a driver that states lead_s ({OWN})"]
         if not self.schedules:
-            return [*told, "timing: an actuator on a channel of the audio device, which can be told when to begin"]
-        return [*told, "timing: a tracker with less noise or more frames, or a shorter latency of the output"]
+            return [*told, "timing: an actuator on a channel of the audio device, which can start at a set time"]
+        return [*told, "timing: a tracker with less noise or a higher frame rate, or a shorter output latency"]
 
 
 def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> ErrorBudget:
@@ -288,23 +287,23 @@ def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path
     return ErrorBudget(found, aims_ms, carries_hz, schedules, refused.sentence() if refused else "", ahead_ms)
 
 
-OWN = "what lead_s this driver states `palpate doctor` shows"
+OWN = "`palpate doctor` shows this driver's lead_s"
 """What is said of an actuator behind a driver of one's own, which a plan does not run."""
 
 WIDTH = 100
 """No line of a plan is wider, in characters."""
 
 BESIDE = (
-    "(6) is the dissimilarity in m/s^2, to what was asked for and to the most similar material. The rest is in "
-    "percent: a recorded speed told from its two neighbours, the standard error of the mean over takes, and W "
-    "interpolated in place of A inverted, equation (7)."
+    "(6) is the dissimilarity in m/s^2 from the request and from the most similar material. The other rows are in "
+    "percent: the error when a recorded speed is interpolated from its two neighbors, the standard error of the mean "
+    "across takes, and the error when W is interpolated instead of inverting A, equation (7)."
 )
 """What the lines beside a budget are."""
 
 ASSUMED = (
-    "Equation (7) and this budget assume that the panel answers each frequency alone, with a real gain; phase is "
-    "ignored. On a simulated panel with the same gains and the least phase, vibrations were off by 99 to 178 % (rms), "
-    "and by up to 10 dB in a third octave."
+    "Equation (7) and this budget assume that the panel responds to each frequency independently, with a real-valued "
+    "gain; phase is ignored. On a simulated panel with the same gains and minimum phase, vibrations were off by 99 "
+    "to 178 % (rms), and by up to 10 dB in a third octave."
 )
 """What the error of shaping leaves out, with what `python -m tests.benchmarks.panel` finds of it."""
 

@@ -38,9 +38,9 @@ def gain_sentence(one: Budget) -> str:
     """Return how far the inverse of a panel goes, by the budget of a stimulus, and what is shown of it."""
     most = import_module(INVERSE).MOST_GAIN
     return (
-        f"The inverse has a gain of up to {one.gain:.3g} at {one.gain_hz:.0f} Hz, by the mean of the panel's usable "
-        f"band; it is bounded at {most:g}, and where that is not enough less is asked for. Before it, by the inverse: "
-        "what the panel moves before a vibration begins."
+        f"The inverse has a gain of up to {one.gain:.3g} at {one.gain_hz:.0f} Hz, relative to the mean of the panel's "
+        f"usable band. The gain is limited to {most:g}; above that, the vibration is weaker than requested. "
+        "'Before onset, by the inverse': how much the panel moves before a vibration begins."
     )
 
 
@@ -74,11 +74,11 @@ FELT_ROWS: tuple[tuple[str, Callable[[Felt], float], Callable[[float], str]], ..
 """Each line of a measured panel, the value of `Felt`, and how it is shown."""
 
 FELT = (
-    "Third octaves and envelope are those of the panel by its measured response, with its phase, beside what was asked "
-    f"for: the worst third octave from 10 to 500 Hz with {LEAST_SHARE:.1%} of the energy or more, and the worst "
-    f"{WINDOW_S * 1e3:g} ms within {QUIETEST_DB:g} dB of the loudest; at most, if the "
-    f"panel has drifted by {DRIFT_DB:g} dB, or its coil is soft. Noticed is how probably a person notices that "
-    f"difference, without guessing: a model that nobody tested here, from published thresholds ({SOLE.source})."
+    "Third octaves and envelope compare the requested vibration with the panel's movement, computed from its "
+    f"measured response with phase: the worst third octave from 10 to 500 Hz with at least {LEAST_SHARE:.1%} of the "
+    f"energy, and the worst {WINDOW_S * 1e3:g} ms within {QUIETEST_DB:g} dB of the loudest. 'At most' assumes that "
+    f"the panel's response has drifted by {DRIFT_DB:g} dB, or that its coil is soft. 'Noticed': probability that a "
+    f"person notices the difference, excluding guesses, by an untested model from published thresholds ({SOLE.source})."
 )
 """What the lines of a measured panel are."""
 

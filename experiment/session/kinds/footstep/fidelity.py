@@ -127,7 +127,7 @@ def judge(
     return judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings, task_ids=task_ids)
 
 
-UNKNOWN = "nobody measured which frequencies its actuator carries"
+UNKNOWN = "the frequencies that its actuator carries were not measured"
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class MostLeftOut:
         known = f"at most {self.told} is left out" if self.share >= SHOWN else "nothing is left out"
         known += " of these SIMULATED recordings" if manifest.is_simulated(recordings) else ""
         known += f"; {self.weaker}" if self.weaker else ""
-        return known if carries_hz else f"{UNKNOWN}; if it carries all, {known}"
+        return known if carries_hz else f"{UNKNOWN}; if it carries all frequencies, {known}"
 
 
 def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tuple[float, float] | None) -> MostLeftOut:
@@ -164,11 +164,11 @@ def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tupl
     budget, speed_mm_s, material = max(every, key=lambda one: one[0].left_out)
     down, at_mm_s, of_material = max(every, key=lambda one: one[0].taken_down)
     off, off_mm_s, off_material = max(every, key=lambda one: one[0].inverse)
-    taken = f"{down.taken_down:.1%} (rms) off {of_material} at {at_mm_s:.0f} mm/s"
+    taken = f"{down.taken_down:.1%} (rms) of {of_material} at {at_mm_s:.0f} mm/s"
     missed = f"{off.inverse:.1%} (rms) of {off_material} at {off_mm_s:.0f} mm/s, has a gain of {off.gain:.3g} at "
-    missed += f"{off.gain_hz:.0f} Hz, and moves it {off.before:.1%} before"
-    said = [f"limits of panel and amplifier take up to {taken}"] if down.taken_down >= WEAKER else []
-    said += [f"the inverse of the panel misses up to {missed}"] if off.inverse >= WEAKER else []
+    missed += f"{off.gain_hz:.0f} Hz, and moves the panel by {off.before:.1%} before onset"
+    said = [f"the limits of the panel and amplifier remove up to {taken}"] if down.taken_down >= WEAKER else []
+    said += [f"the inverse of the panel's response misses up to {missed}"] if off.inverse >= WEAKER else []
     weaker = "; ".join(said)
     if budget.left_out < SHOWN:
         return MostLeftOut(budget.left_out, "nothing", (), weaker)
@@ -190,18 +190,18 @@ def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[
     if worst.share > most:
         what = f"got {worst.told} left out"
         plan = ("palpate", "plan", "PROTOCOL", "--rig", "RIG", "--recordings", "FOLDER")
-        remedy = Remedy(f"get {_remedy(worst, most)}; {{}} shows the whole budget", plan, suffices=False)
-    allowed = f"{most * 100:.6g}%, by footstep.synthesis.left_out_max"
+        remedy = Remedy(f"use {_remedy(worst, most)}; {{}} shows the whole budget", plan, suffices=False)
+    allowed = f"{most * 100:.6g}% (footstep.synthesis.left_out_max)"
     return Finding(what, f"rig '{rig.rig.name}'", allowed=allowed, remedy=remedy)
 
 
 def _remedy(worst: MostLeftOut, most: float) -> str:
     """Return each remedy that is enough for the vibration of which most is left out, or all where none is."""
     alone = [(remedy, sqrt(max(worst.share**2 - share**2, 0.0))) for remedy, share in worst.remedies]
-    if enough := [f"{remedy} (then {rest:.2%} of it is left out)" for remedy, rest in alone if rest <= most]:
+    if enough := [f"{remedy} (this leaves out {rest:.2%})" for remedy, rest in alone if rest <= most]:
         return ", or ".join(enough)
     rest = sqrt(max(worst.share**2 - sum(share**2 for _, share in worst.remedies), 0.0))
-    return f"{' and '.join(remedy for remedy, _ in alone)} (then {rest:.2%} of it is left out)"
+    return f"{' and '.join(remedy for remedy, _ in alone)} (this leaves out {rest:.2%})"
 
 
 LEAVING_OUT = 5
@@ -213,18 +213,18 @@ def causes(carries_hz: tuple[float, float] | None) -> tuple[tuple[str, str, str]
     low, high = [f"{end:g} Hz" for end in carries_hz] if carries_hz else ["band, unknown"] * 2
     return (
         ("scene", "left out by the scene", "a wider band, or a lower floor, in [footstep.tactile] of the protocol"),
-        ("rate", "output rate", "an actuator.rate_hz of twice the highest frequency recorded"),
-        ("below", f"below the rig's {low}", f"a panel that moves, and is measured, below {low}"),
-        ("above", f"above the rig's {high}", f"a panel that moves, and is measured, above {high}"),
+        ("rate", "output rate", "an actuator.rate_hz at least twice the highest recorded frequency"),
+        ("below", f"below the rig's {low}", f"a panel that carries, and was measured at, frequencies below {low}"),
+        ("above", f"above the rig's {high}", f"a panel that carries, and was measured at, frequencies above {high}"),
         ("held_back", "gain limit, highest level", "higher drive levels measured, or a higher gain_limit_v_per_m_s2"),
         (
             "taken_down",
             "limits of panel and amplifier",
-            "a higher full scale, or limit of vibration if the board approves",
+            "a higher full scale or, if the board approves, a higher vibration limit",
         ),
         ("inverse", "missed by the inverse", "a longer actuator.inverse_ahead_ms"),
         ("table", "steps of the response table", "more frequencies and levels, closest where the response bends"),
-        ("rounding", "rounding", "nothing that anybody could feel"),
+        ("rounding", "rounding", "nothing: it is too small to feel"),
     )
 
 

@@ -35,7 +35,7 @@ def real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
         needed = virtual(protocol).materials
         manifest.load(folder, synthesis=protocol.table(Footstep).synthesis, material_ids=needed)
     elif manifest.sha256(folder) != manifest.sha256(kept):
-        raise RecordingError(folder, "the study was begun with other recordings", "leave out --recordings")
+        raise RecordingError(folder, "the study was started with different recordings", "leave out --recordings")
     return folder
 
 

@@ -36,8 +36,8 @@ def averaging(
     return _shares(np.sqrt(variance[:, 1:]), spectra.amplitudes[:, 1:])
 
 
-PROFILE = "profile (5 ms) of the takes", "profile from its neighbours", "the same, phases drawn"
-LATE = "its energy late or early, ms", "the same, phases drawn, ms"
+PROFILE = "profile (5 ms) of the takes", "profile from neighbors", "the same, random phases"
+LATE = "energy late or early, ms", "the same, random phases, ms"
 """Lines of profiles in time: as parts of that of the takes, and how far in time."""
 
 

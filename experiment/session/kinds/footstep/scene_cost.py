@@ -156,13 +156,13 @@ class Omission:
         """Return in words what it saves."""
         time, parts = self.saves, []
         if time is not None and time.measurable:
-            parts.append(f"{_time(time.ms)} (repeats spread over {_time(time.spread_ms)})")
+            parts.append(f"{_time(time.ms)} (IQR across repeats: {_time(time.spread_ms)})")
         if self.saves_kb is not None:
             parts.append(f"{self.saves_kb:.0f} kB")
-        saved = f"saves {' and '.join(parts)}" if parts else "what it saves was not measured"
+        saved = f"saves {' and '.join(parts)}" if parts else "savings not measured"
         if time is None or time.measurable:
             return saved
-        seen = f"no measurable difference in time ({_time(time.ms)}, repeats spread over {_time(time.spread_ms)})"
+        seen = f"no measurable difference in time ({_time(time.ms)}; IQR across repeats: {_time(time.spread_ms)})"
         return f"{saved}; {seen}" if parts else seen
 
 
@@ -234,7 +234,7 @@ def sound(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> tuple[str, ...]:
     """Return what a task needs for its masker, and of the audio device."""
     masker = f"masker    {scene.masker or 'no'} noise"
     if rig.audio is None or not scene.sounds(rig):
-        return (masker if scene.masker is None else f"{masker}, by other means: the rig has no audio device",)
+        return (masker if scene.masker is None else f"{masker}, from other equipment: the rig has no audio device",)
     stream = _stream(scene, protocol, rig)
     counted = f"{_counted(len(stream.ceilings), 'output')} and {_counted(stream.inputs, 'input')}"
     held_kb = measured(partial(Mixer, stream.layout()))[1]
@@ -250,7 +250,7 @@ def ports(scene: scenes.Scene, rig: Rig) -> str:
     if scene.actuator and rig.actuator.address is not None:
         opened.append("the actuator's")
     if rig.audio is not None and scene.sounds(rig):
-        opened.append("the audio device's, as the stream says")
+        opened.append("the audio device's own, as the stream reports it")
     return " and ".join(opened)
 
 
@@ -266,9 +266,7 @@ def _channel(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> tuple[str, fl
     whole, part = (_stream(one, protocol, rig) for one in (scenes.virtual(protocol), scene))
     outputs, inputs = len(whole.ceilings) - len(part.ceilings), whole.inputs - part.inputs
     held_kb, kept_kb = (measured(partial(Mixer, one.layout()))[1] for one in (whole, part))
-    told = (
-        f"{_counted(outputs, 'output')} and {_counted(inputs, 'input')} of the audio device, and the places of stimuli"
-    )
+    told = f"{_counted(outputs, 'output')} and {_counted(inputs, 'input')} of the audio device, and stimulus positions"
     return told, held_kb - kept_kb
 
 
@@ -296,7 +294,7 @@ def _real(
 
     rendered = taken([_step_ms(at_gate) for _ in range(TURNS)])
     channel, channel_kb = _channel(scene, protocol, rig)
-    nothing = "nothing: no stimulus is played, so not a bit of any record differs"
+    nothing = "nothing: no stimulus is played, so all records are identical"
     return (
         Omission("parts", "synthesis: prepared waveforms of every material", prepared, prepared_kb, nothing),
         Omission(
@@ -324,7 +322,7 @@ def _virtual(
     others = besides(scene=scene, protocol=protocol, recordings=recordings)
     if others.materials:
         load = partial(preparation.load_spectra, scene=others, protocol=protocol, recordings=recordings)
-        nothing = "nothing: no trial of this task presents them"
+        nothing = "nothing: no trial of this task presents these materials"
         left_out.append(Omission("materials", f"spectra of {', '.join(others.materials)}", *measured(load), nothing))
     for material, basis in preparation.prepare_stimuli(held, protocol=protocol, output_rate_hz=rate_hz).items():
         off = percent(*budget.materials[material].range(lambda one: one.total))
@@ -335,7 +333,7 @@ def _virtual(
             left_out.append(_bins(held[material], basis, protocol, percent(*of.range(lambda one: one.scene))))
         dropped = basis.spectra.dropped(basis.on)
         if dropped:
-            lost = f"{percent(*of.range(lambda one: one.rate))} % (rms) of the vibration, which no such rate can carry"
+            lost = f"{percent(*of.range(lambda one: one.rate))} % (rms) of the vibration, which this rate cannot carry"
             what = f"{dropped} of {basis.spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
             left_out.append(Omission("bins", what, None, None, lost))
     needs.append(f"bins      {_felt(held, protocol)}")
@@ -348,13 +346,13 @@ def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
     tactile, fastest = protocol.table(Footstep).tactile, preparation.fastest_mm_s(protocol)
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     if fastest == float("inf"):
-        return "all are asked for: the protocol counts trials at any speed, so nothing is known to stay below the floor"
+        return "all frequencies are requested: trials count at any speed, so none are certain to be below the floor"
     loudest, level = preparation.felt_outside(held, protocol)
     reached = f"reaches {level:.2g} m/s^2 rms at up to {fastest:g} mm/s ({loudest})"
     floor = floor_words(protocol)
     if level >= preparation.floor_m_s2(protocol):
-        return f"all are asked for: what lies outside {band} {reached}, not below {floor}"
-    return f"{band} are asked for: what lies outside {reached}, below {floor}"
+        return f"all frequencies are requested: the part outside {band} {reached}, not below {floor}"
+    return f"{band} are requested: the part outside {reached}, below {floor}"
 
 
 def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent: str) -> Omission:
@@ -395,4 +393,4 @@ def floor_words(protocol: Protocol) -> str:
     """Return the floor, m/s^2 rms, or between which those of participants are."""
     own = protocol.table(Footstep).tactile
     low, high = import_module(FLOOR).range_m_s2(protocol) if own.measured else [own.floor_m_s2] * 2
-    return f"the floor {high:g}" if low == high else f"the largest floor {high:g} (the least participant's is {low:g})"
+    return f"the floor {high:g}" if low == high else f"the largest floor {high:g} (lowest: {low:g})"

@@ -76,7 +76,7 @@ LOOK_NS = 5_000_000
 TRACE_US = 50_000
 """The trace has a point for so long, microseconds."""
 
-STILL_PLAYS = "the last stimulus may still play; restart the actuator's server, then resume the session"
+STILL_PLAYS = "the last stimulus may still be playing; restart the actuator's server, then resume the session"
 
 MISSING = 0.01
 """A tracker of whose frames a larger share is lost or damaged is told as not good."""
@@ -111,7 +111,7 @@ def open_footsteps(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, 
     if planned.synthesis:
         if sitting.recordings is None:
             where = f"task '{sitting.task_id}'"
-            raise RecordingError(where, "got no recordings", "name it", allowed="a folder of recordings")
+            raise RecordingError(where, "got no recordings", "give one", allowed="a folder of recordings")
         stimuli = ends.stimuli(partial(_prepared, planned, sitting, sitting.recordings))
     actuator: Actuator | None = None
     if planned.actuator:
@@ -338,7 +338,7 @@ class Footsteps(Kind):
 
     def _tracker_lamp(self, *, gone: bool) -> Lamp:
         if gone:
-            return Lamp(name="tracker", good=False, words="silent; plug it in again")
+            return Lamp(name="tracker", good=False, words="no signal; unplug it and plug it in again")
         counts = self._watch.feed.counts
         missing = counts.lost + counts.damaged
         share = missing / max(counts.received + missing, 1)
@@ -369,9 +369,9 @@ class Footsteps(Kind):
             return None, None
         error = TrackerError(
             f"tracker at {port}",
-            f"its clock and the session's part by {ahead_us / 1e6:.1f} s; the device restarted, or does not "
+            f"its clock and the session's differ by {ahead_us / 1e6:.1f} s; the device restarted, or does not "
             "count microseconds",
-            "keep it powered, and have its frames count microseconds; then resume the session",
+            "check that it has power and that its frames count microseconds, then resume the session",
         )
         # The step was now, whatever its device says.
         return ClockMap(at_us, now_ns), error
@@ -401,7 +401,7 @@ class Footsteps(Kind):
             return ""
         if abs(onset.off_ms) <= ahead.error_max_ms:
             return ""
-        return f"ahead: the vibration began {onset.off_ms:+.1f} ms from its time; allowed: {ahead.error_max_ms:g} ms"
+        return f"ahead: the vibration began {onset.off_ms:+.1f} ms off schedule; allowed: {ahead.error_max_ms:g} ms"
 
 
 def pace(speed_mm_s: float, rules: Iterable[ExclusionRule]) -> Pace | None:

@@ -108,7 +108,7 @@ class Taken:
     def clock(self) -> ClockMap:
         """Return `clock_map`. Raises `TrackerStopped` if there is none."""
         if self.clock_map is None:
-            raise TrackerStopped("tracker", "got no sample since it was opened", "see that the device is sampling")
+            raise TrackerStopped("tracker", "sent no sample since it was opened", "check that the device is sampling")
         return self.clock_map
 
     def session_ns(self, device_us: float) -> int:
@@ -401,7 +401,7 @@ class _Step:
         feed.begin_anew()
         return (
             f"the tracker's clock {'ran ahead of' if ahead_ms > 0 else 'fell behind'} the session's by "
-            f"{abs(ahead_ms):.0f} ms more than any clock drifts; have its builder check what the device counts"
+            f"{abs(ahead_ms):.0f} ms, too much for clock drift; ask its builder to check the unit of its counter"
         )
 
     def withdraw(self) -> bool:

@@ -19,7 +19,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session.kinds.presented.stimuli import Recording, peak_m_s2, recording, rendered
 from palpate.experiment.synthesis.signals import waves
 
-UNKNOWN = "nobody measured which frequencies its actuator carries"
+UNKNOWN = "the frequencies that its actuator carries were not measured"
 
 LEFT_S = 0.05
 """A recording that goes on for longer may have been meant whole; ours."""
@@ -55,10 +55,10 @@ class Made:
     def words(self) -> str:
         """The same in words."""
         out = f"{self.left_out:.2%} (rms) left out" if self.left_out >= SHOWN else "nothing left out"
-        peak = f"at most {self.reached_m_s2:.3g} m/s^2 at its peak, of {self.asked_m_s2:.3g} asked for"
-        gain = f"{self.off:.1%} off by an inverse with a gain of {self.gain:.3g} at {self.gain_hz:.0f} Hz"
-        inverse = f", {gain}, which moves it {self.before:.1%} before" if self.gain else ""
-        limited = ", taken down by a limit" if self.limited else ""
+        peak = f"peak at most {self.reached_m_s2:.3g} m/s^2 of {self.asked_m_s2:.3g} requested"
+        gain = f"{self.off:.1%} error because the inverse has a gain of {self.gain:.3g} at {self.gain_hz:.0f} Hz"
+        inverse = f", {gain}, which moves the panel by {self.before:.1%} before onset" if self.gain else ""
+        limited = ", reduced by a limit" if self.limited else ""
         return f"{self.material}: {self.lasts_s:g} s, {peak}, {out}{inverse}{limited}"
 
 
@@ -95,7 +95,7 @@ def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[
         if one.limited:
             limit = f"exposure.vibration_peak_m_s2 ({protocol.exposure.vibration_peak_m_s2:g})"
             yield Finding(
-                f"got a stimulus that a limit changes ({one.words})",
+                f"a limit changes a stimulus ({one.words})",
                 where,
                 allowed=f"one within {limit} and the rig's full scale",
                 remedy="lower its amplitude in the protocol",
@@ -105,11 +105,13 @@ def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[
         return
     if not is_known(actuator):
         remedy: Remedy | str = "measure the panel, and write actuator.low_hz and high_hz into the rig file"
-        yield Finding(UNKNOWN, where, allowed="a band that is known, by presented.left_out_max", remedy=remedy)
+        yield Finding(UNKNOWN, where, allowed="a measured band (presented.left_out_max)", remedy=remedy)
     for one in every:
         if one.left_out > most:
-            allowed = f"{100 * most:.6g} % left out, by presented.left_out_max"
-            yield Finding(f"got {one.words}", where, allowed=allowed, remedy="present what this rig carries")
+            allowed = f"{100 * most:.6g} % left out (presented.left_out_max)"
+            yield Finding(
+                f"got {one.words}", where, allowed=allowed, remedy="present stimuli that this rig can reproduce"
+            )
 
 
 def is_known(actuator: ActuatorRig) -> bool:
@@ -138,7 +140,8 @@ def companions(protocol: Protocol) -> Iterator[Finding]:
                     f"got a peak of {peak_m_s2:.3g} m/s^2 in {heard.file}",
                     field=f"{place}.full_scale_m_s2",
                     allowed=f"at most exposure.vibration_peak_m_s2 ({limit_m_s2:g})",
-                    remedy=f"lower full_scale_m_s2 to {most:.3g}, which makes it weaker, or play another part of it",
+                    remedy=f"lower full_scale_m_s2 to {most:.3g} (which weakens the stimulus), or play another part "
+                    "of the file",
                 )
             yield from _doubts(heard, place)
 
@@ -148,21 +151,19 @@ def _doubts(heard: Recording, place: str) -> Iterator[Finding]:
     from palpate.experiment.recordings.grid import clipping
 
     if heard.left_s > LEFT_S:
-        what = f"{heard.file} goes on for {heard.left_s:g} s after what is played"
-        remedy = "check begins_s and lasts_s, or cut the file to what is played"
+        what = f"{heard.file} continues for {heard.left_s:g} s after the part that is played"
+        remedy = "check begins_s and lasts_s, or trim the file to the part that is played"
         yield Finding(what, field=f"{place}.lasts_s", remedy=remedy, verdict="warns")
     if heard.rate_hz < LEAST_HZ:
-        what = (
-            f"got {heard.rate_hz} samples a second in {heard.file}, which holds nothing above {heard.rate_hz / 2:g} Hz"
-        )
-        allowed = f"as a rule {LEAST_HZ} or more: touch follows vibrations up to some {LEAST_HZ // 2} Hz"
+        what = f"got {heard.rate_hz} samples a second in {heard.file}, which has nothing above {heard.rate_hz / 2:g} Hz"
+        allowed = f"usually {LEAST_HZ} or more, because people can feel vibrations up to about {LEAST_HZ // 2} Hz"
         remedy = "check the rate in the file's header, or record at a higher one"
         yield Finding(what, field=f"{place}.file", allowed=allowed, remedy=remedy, verdict="warns")
     if (clipped := clipping(heard.m_s2)) is not None:
         what = (
-            f"{heard.file} looks clipped: {clipped.samples} samples in {clipped.runs} runs stand at an end of its range"
+            f"{heard.file} looks clipped: {clipped.samples} samples in {clipped.runs} runs are at the end of its range"
         )
-        remedy = "record it again, with less gain"
+        remedy = "record it again with less gain"
         yield Finding(what, field=f"{place}.file", remedy=remedy, verdict="warns")
 
 
@@ -174,13 +175,17 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
         raise RigError.at(refused)
     most = max(every, key=lambda one: one.left_out)
     told = f"at most {most.left_out:.2%} (rms) of {most.material} is left out" if most.left_out >= SHOWN else ""
-    return told if is_known(rig.actuator) else f"{UNKNOWN}; if it carries all, {told or 'nothing is left out'}"
+    return (
+        told
+        if is_known(rig.actuator)
+        else (f"{UNKNOWN}; if it carries all frequencies, {told or 'nothing is left out'}")
+    )
 
 
 def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tuple[str, PalpateError | None]:
     """Return what the board reads of a rig, and why no participant is run on it, if so; raises as `on_rig`."""
     every = on_rig(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     refused = next(refusals(protocol, rig, every), None)
-    unknown = "" if is_known(rig.actuator) else f": {UNKNOWN}; if it carries all, it"
-    told = f"Rig '{rig.rig.name}'{unknown} makes of the stimuli: {'; '.join(one.words for one in every)}."
+    unknown = "" if is_known(rig.actuator) else f": {UNKNOWN}; if it carries all frequencies, it"
+    told = f"Rig '{rig.rig.name}'{unknown} produces these stimuli: {'; '.join(one.words for one in every)}."
     return told, None if refused is None else RigError.at(refused)

@@ -47,7 +47,7 @@ class PresentedPlan:
             "needs",
             *(f"  {need}" for need in NEEDS),
             "",
-            f"stimuli: {self.unknown}; if it carries all" if self.unknown else "stimuli",
+            f"stimuli: {self.unknown}; if it carries all frequencies" if self.unknown else "stimuli",
             *(f"  {one.words}" for one in self.stimuli),
         ]
         return "\n".join(

@@ -117,7 +117,7 @@ def recording(protocol: Protocol, wave: Recorded) -> Recording:
     samples = stored[first : first + round(wave.lasts_s * stored_hz)]
     if samples.ndim != 1 or samples.shape[0] < round(wave.lasts_s * stored_hz):
         got = f"got {stored.shape[0] / stored_hz:g} s of {1 if stored.ndim == 1 else stored.shape[1]} channels"
-        raise RecordingError(wave.file, got, allowed=f"one channel, of {wave.begins_s + wave.lasts_s:g} s or more")
+        raise RecordingError(wave.file, got, allowed=f"one channel of at least {wave.begins_s + wave.lasts_s:g} s")
     if stored.dtype.kind not in "if":
         raise RecordingError(wave.file, "got samples of 8 bits", "export it again", allowed="16 bits or more, or float")
     whole = float(np.iinfo(stored.dtype).max) + 1 if stored.dtype.kind == "i" else 1.0

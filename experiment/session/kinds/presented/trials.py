@@ -42,10 +42,10 @@ MARKED_NS = 250_000_000
 SAMPLES_APART_NS = 1_000_000_000
 """So much silence at least before a stimulus of the familiarisation, ns. Ours."""
 
-MAY = "feel what comes"
+MAY = "feel the next stimulus"
 """What the participant may do once an attempt is armed."""
 
-STILL_PLAYS = "the last stimulus may still play; restart the actuator's server, then resume the session"
+STILL_PLAYS = "the last stimulus may still be playing; restart the actuator's server, then resume the session"
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from palpate.experiment.session.kinds.tapping.virtual import limit_n
 from palpate.experiment.synthesis.contact.force import ForceBudget
 
 REAL = ("screen and keys", "journal")
-VIRTUAL = (*REAL, "tracker", "servo, in a process of its own", "actuator", "exposure account")
+VIRTUAL = (*REAL, "tracker", "servo, in a separate process", "actuator", "exposure account")
 ABOUT = (
-    "Force on a SIMULATED hand (300 N/m, 2 N s/m, 10 g) that it moves: how far it is off (rms) with each cause and "
-    "those before it, of the block's law within the limit of force, and at last of the whole law."
+    "Force on a SIMULATED hand (300 N/m, 2 N s/m, 10 g) that the device moves: rms error as each cause is added, "
+    "relative to the block's law within the force limit and, in the last row, relative to the whole law."
 )
 
 
@@ -59,4 +59,4 @@ def plan(*, protocol: Protocol, rig: Rig, task: Task) -> TapPlan:
     force = budget.force_budget(virtual, device, tracker, limit_n=at_most_n)
     right = most is None or (force is not None and force.worst.error <= most)
     refused = "" if right else str(budget.refusal(virtual, "", rig=rig.rig.name))
-    return TapPlan(task.id, task.title, VIRTUAL, block, force, refused if bears else "the rig does not bear the block")
+    return TapPlan(task.id, task.title, VIRTUAL, block, force, refused if bears else "the rig cannot render the block")

@@ -179,8 +179,8 @@ class Taps:
                 self.servo.render(None)
                 self.actuator.withdraw()
                 self._sounding, self.failed = None, error
-                again = "This trial is done again, whatever its answer." if self._lying is not None else ""
-                self.lent.show(f"Nothing is rendered any more: {error.sentence()}. {again}")
+                again = "This trial will be repeated, whatever its answer." if self._lying is not None else ""
+                self.lent.show(f"Rendering stopped: {error.sentence()}. {again}")
                 return
 
     def _follow(self, felt: Felt) -> None:
@@ -225,8 +225,8 @@ class Taps:
         contact_ns = felt.clock.session_ns(touch.device_us)
         late_ns = self.lent.clock.now_ns() - contact_ns
         if late_ns > LATE_NS and not self.lent.clock.simulated:
-            got = f"got a touch {late_ns / 1e6:.0f} ms after it; allowed: {LATE_NS / 1e6:g} ms"
-            raise ServoError(f"{got}; nothing sounded", remedy="see what held the machine or its disk up")
+            got = f"the touch was received {late_ns / 1e6:.0f} ms late; allowed: {LATE_NS / 1e6:g} ms"
+            raise ServoError(f"{got}; nothing sounded", remedy="find out what delayed the computer or its disk")
         speed_mm_s = touch.speed_mm_s if state is None else _speed_mm_s(state, touch.device_us)
         speed_mm_s = max(speed_mm_s, 0.0)
         self.touched.add(lying.place)
@@ -302,7 +302,7 @@ class Taps:
     def _withdraw(self) -> None:
         one, self._sounding = self._sounding, None
         if one is not None and not self.actuator.withdraw() and one.touch is None:
-            self.lent.log.write(Note(trial=one.lying.trial, text="A vibration began, and no touch followed it."))
+            self.lent.log.write(Note(trial=one.lying.trial, text="A vibration began, but no touch followed."))
 
 
 def _speed_mm_s(state: Falling, us: float) -> float:

@@ -119,11 +119,11 @@ def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tup
     planar = "is planar: the block" if tracker_of(rig).along_calibration is not None else "is not planar: nothing"
     planar = "follows the hand: with crossovers nothing" if virtual.crossovers_hz else planar
     omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
-    told = f"{told} {felt} The tracker {planar} pushes along the face." + (
+    told = f"{told} {felt} The tracker {planar} pushes along the surface." + (
         f" Of its vibrations, {omitted}." if omitted else ""
     )
     if not bears:
-        return told, RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
+        return told, RigError(rig_file, "cannot render the block of this protocol", "use another rig for participants")
     if lacks := unable(virtual, rig, rig_file):
         return told, lacks
     return told, None if right else RigError.at(budget.refusal(virtual, felt, rig=rig.rig.name))
@@ -182,12 +182,14 @@ def unable(virtual: Tapping, rig: Rig, rig_file: Path) -> RigError | None:
     """Return why a rig cannot vibrate before a touch, or push up to every crossover; None where it can or need not."""
     band_hz, highest_hz = servo_of(rig).band_hz, max(virtual.crossovers_hz, default=0.0)
     if band_hz is not None and band_hz < highest_hz:
-        what = f"cannot push up to {highest_hz:g} Hz, as the protocol's crossovers have it"
-        return RigError(rig_file, what, "take a device with a wider band", allowed="servo.band_hz of that, or more")
+        what = f"cannot push at frequencies up to {highest_hz:g} Hz, as the protocol's crossovers require"
+        return RigError(rig_file, what, "use a device with a wider band", allowed="a servo.band_hz of at least that")
     if not virtual.ahead_ms or rig.actuator.driver == "audio":
         return None
-    what = f"cannot vibrate {virtual.ahead_ms:g} ms before a touch, as the protocol has it"
-    return RigError(rig_file, what, "take an actuator on the audio device, which plays at a time", allowed="audio")
+    what = f"cannot vibrate {virtual.ahead_ms:g} ms before a touch, as the protocol requires"
+    return RigError(
+        rig_file, what, "use an actuator on the audio device, which can start at a set time", allowed="audio"
+    )
 
 
 def blocks(virtual: Tapping, *, tracker_hz: int) -> dict[str, Block]:
@@ -237,7 +239,7 @@ class VirtualSurfaces(Kind):
     @property
     def keys(self) -> Mapping[str, str]:
         """The key that changes to the other surface."""
-        return {self.lent.protocol.table(Tapping).switch_key: f"change to the {PLACES[1 - self._at]} surface"}
+        return {self.lent.protocol.table(Tapping).switch_key: f"switch to the {PLACES[1 - self._at]} surface"}
 
     def press(self, key: str) -> None:  # noqa: ARG002
         """Change to the other surface, and put that on record."""
@@ -246,12 +248,12 @@ class VirtualSurfaces(Kind):
         self._lay(self._pair, 1 - self._at)
         place, material = PLACES[self._at], self._pair.presented[self._at]
         self.lent.log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
-        self.lent.show(f"The {place} surface is there now.")
+        self.lent.show(f"This is now the {place} surface.")
 
     def lacking(self) -> str:
         left, key = self._untouched() if self.taps.renders else "", self.lent.protocol.table(Tapping).switch_key
         change = "" if PLACES[self._at] in left else f" ([{key}] changes to it)"
-        return f"No answer is taken before the participant taps {left}{change}." if left else ""
+        return f"Before answering, the participant must tap {left}{change}." if left else ""
 
     def _untouched(self) -> str:
         left = [place for place in PLACES if place not in self.taps.touched]
@@ -266,7 +268,7 @@ class VirtualSurfaces(Kind):
         self.taps.lay(None)
         if self.taps.failed is not None:
             return self.taps.failed.sentence()
-        return f"everything fell silent before {silent} was tapped" if silent else ""
+        return f"everything was silenced before {silent} was tapped" if silent else ""
 
     def quiet(self, why: str) -> None:  # noqa: ARG002
         # Without the lock of the taps, which a write may hold.

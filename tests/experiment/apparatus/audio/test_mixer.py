@@ -353,7 +353,7 @@ def test_input_is_kept_by_its_frame(blocks: list[int], data: st.DataObject) -> N
     with pytest.raises(AudioError, match="up to frame"):
         mixed.recorded_inputs(end, 1)
     if oldest > 0:
-        with pytest.raises(AudioError, match="ask sooner"):
+        with pytest.raises(AudioError, match="request it sooner"):
             mixed.recorded_inputs(oldest - 1, 1)
 
 

@@ -50,8 +50,8 @@ def test_a_device_that_answers_is_told_with_limit_and_block(
     assert list(found) == ["force device", "force answers", "force rate", "force limit", "force felt", "block"]
     assert {found[name].verdict for name in ("force device", "force answers", "force limit", "block")} == {"passes"}
     assert found["force limit"].what == approved
-    assert found["force rate"].allowed == "2500 a second, less 1 %"
-    assert alone["force rate"].allowed == "500 a second, less 1 %"
+    assert found["force rate"].allowed == "2500 per second, minus 1 %"
+    assert alone["force rate"].allowed == "500 per second, minus 1 %"
     assert alone["force limit"].verdict == "unknown"
 
 

@@ -59,7 +59,7 @@ def test_a_wall_clock_that_was_never_set_is_red(approved: SnapshotAssertion) -> 
 @pytest.mark.parametrize(("late_ms", "verdict"), [(9, "passes"), (11, "refuses")])
 def test_a_machine_that_wakes_late_is_red(late_ms: int, verdict: str) -> None:
     found = checks.waking(Late(late_ms * 1_000_000))
-    assert (found.verdict, f"0.00 ms (median), {late_ms}.00 ms (p99)" in found.what) == (verdict, True)
+    assert (found.verdict, f"0.00 ms late (median), {late_ms}.00 ms (p99)" in found.what) == (verdict, True)
 
 
 @pytest.mark.parametrize(("step_us", "verdict"), [(1, "passes"), (10, "passes"), (15_625, "refuses")])

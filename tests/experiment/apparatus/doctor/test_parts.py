@@ -131,13 +131,13 @@ def test_a_clock_at_the_end_of_what_is_believed_is_red(drift_ppm: float, verdict
     ("drift_ppm", "more", "said"),
     [
         (499.0, "", ""),
-        (-5000.0, "", "; no crystal's but a resonator's: the foot's speed is off by 0.5 %"),
+        (-5000.0, "", "; typical of a resonator instead of a crystal: foot speeds are off by 0.5 %"),
         (10_000.0, " or more", ""),
     ],
 )
 def test_a_resonators_drift_is_green_with_a_word(drift_ppm: float, more: str, said: str) -> None:
     found = devices.drift(heard(np.arange(2), [], drift_ppm))
-    assert found.what == f"drift {drift_ppm:+.0f} ppm{more} against this machine's clock over 0.0 s{said}"
+    assert found.what == f"drift {drift_ppm:+.0f} ppm{more} relative to this machine's clock over 0.0 s{said}"
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,11 @@ def test_what_is_written_is_read_to_six_digits(tmp_path_factory: pytest.TempPath
         ("10,1,4.0", "10,0.1,4.0", "line 5: got 10 Hz at 0.1 Vrms, as in line 4; allowed: one row for each"),
         ("20,1,8.0", "10,0.1,4.0", "line 7: got 10 Hz at 0.1 Vrms, as in line 4; allowed: one row for each"),
         ("20,1,8.0", "15,1,8.0", "line 7: got 15 Hz at 1 Vrms after line 6; allowed: rising frequencies"),
-        ("20,1,8.0", "20,0.01,8.0", "line 7: got 20 Hz at 0.01 Vrms after line 6; allowed: rising frequencies, and"),
+        (
+            "20,1,8.0",
+            "20,0.01,8.0",
+            "line 7: got 20 Hz at 0.01 Vrms after line 6; allowed: rising frequencies, with rising drive levels",
+        ),
         (
             "20,1,8.0",
             "20,2,8.0",

@@ -72,14 +72,14 @@ def test_noise_is_that_of_the_readings_in_mm() -> None:
         # The lowest was read with the target still at 30 mm: it alone is wrong, and the others rise.
         (
             [(-2, 1400), (0, 120), (10, 200), (20, 280), (50, 520)],
-            "got 1400 counts at -2 mm.*that at -2 mm.*rise",
+            "got 1400 counts at -2 mm.*only the reading at -2 mm.*rise",
         ),
-        ([(0, 120), (10, 200), (20, 150), (50, 520)], "got .*; those at 10 and 20 mm.* all rise"),
+        ([(0, 120), (10, 200), (20, 150), (50, 520)], "got .*; the readings at 10 and 20 mm.* all rise"),
         ([(0.0, 50.0), (10.0, 50.0)], ".* readings that all rise or all fall with height"),
         ([(0.0, 50.0), (10.0, 90.0), (20.0, 50.0)], ".* readings that all rise or all fall with height"),
-        ([(0.0, 50.0), (10.0, 50.4)], ".*6 spreads apart"),
+        ([(0.0, 50.0), (10.0, 50.4)], ".*6 SD apart"),
         # 20 mm below the middle of 10 and 50: 43.3 mm by the line, off by 23.3 of the 40 between them.
-        ([(10.0, 100.0), (20.0, 183.3), (50.0, 200.0)], r"got 183.3 counts at 20 mm, which the line .* at 43\.3 mm"),
+        ([(10.0, 100.0), (20.0, 183.3), (50.0, 200.0)], r"got 183.3 counts at 20 mm; the line .* gives 43\.3 mm"),
     ],
 )
 def test_readings_that_are_no_calibration_are_refused(levels: list[tuple[float, float]], message: str) -> None:

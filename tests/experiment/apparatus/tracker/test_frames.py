@@ -140,7 +140,7 @@ def test_frames_of_the_other_kind_are_damaged_and_among_them_ours_are_read(readi
 
 
 @pytest.mark.parametrize(
-    ("readings", "told"), [(1, "12 bytes a frame: .* has no "), (2, "14 bytes a frame: .* has a ")]
+    ("readings", "told"), [(1, "12 bytes per frame: .* has no "), (2, "14 bytes per frame: .* has a ")]
 )
 def test_which_frames_are_read_is_told(readings: int, told: str) -> None:
     assert re.match(told, Decoder(readings=readings).kind)

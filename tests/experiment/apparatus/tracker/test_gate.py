@@ -322,11 +322,11 @@ def test_nothing_speaks_against_a_good_passage(speed_mm_s: float, drift: float) 
 @pytest.mark.parametrize(
     ("factor", "jump_us", "missing", "told"),
     [
-        (2.0, 0, 0, "times leave room for"),
-        (0.5, 0, 0, "times lie 500 us apart, and 1000 frames a second are 1000 us apart"),
-        (1.03, 0, 0, "times lie 1030 us apart"),
-        (1.0, 5_000, 0, "times leave room for 5 frames where 0 are missing"),
-        (1.0, 20_000, 5, "times leave room for 20 frames where 5 are missing"),
+        (2.0, 0, 0, "times have gaps for"),
+        (0.5, 0, 0, "times are 500 us apart, but at 1000 frames per second they should be 1000 us apart"),
+        (1.03, 0, 0, "times are 1030 us apart"),
+        (1.0, 5_000, 0, "times have gaps for 5 frames, but only 0 are missing"),
+        (1.0, 20_000, 5, "times have gaps for 20 frames, but only 5 are missing"),
         (1.0, 5_000, 5, "heights jump"),
     ],
 )

@@ -104,7 +104,7 @@ def test_counts_that_are_none_are_the_drivers_fault(opened: Opens, given: str) -
 @pytest.mark.parametrize("given", ["5", "(0, 1)", "False"])
 def test_a_clock_map_that_is_none_is_the_drivers_fault(opened: Opens, given: str) -> None:
     tracker = opened(opens=f"self.clock_map = {given}")
-    with pytest.raises(TrackerError, match=r"failed at `clock_map` \(TypeError: got .*, not a ClockMap"):
+    with pytest.raises(TrackerError, match=r"failed at `clock_map` \(TypeError: got .*, neither a ClockMap"):
         _ = tracker.clock_map
 
 
@@ -181,9 +181,9 @@ def test_readings_that_cannot_be_are_the_drivers_fault(opened: Opens, spoils: st
 @pytest.mark.parametrize(
     ("along", "told"),
     [
-        ("None", "ValueError: along_mm, of a planar tracker, is not of that length"),
-        ("np.zeros(3)", "ValueError: along_mm, of a planar tracker, is not of that length"),
-        ("np.array([0.0, np.nan])", "ValueError: got a place along the face of nan mm"),
+        ("None", "ValueError: along_mm, which a planar tracker needs, does not have the same length"),
+        ("np.zeros(3)", "ValueError: along_mm, which a planar tracker needs, does not have the same length"),
+        ("np.array([0.0, np.nan])", "ValueError: got a position along the face of nan mm"),
     ],
 )
 def test_places_along_the_face_that_cannot_be_are_the_fault_of_a_planar_driver(
@@ -267,6 +267,6 @@ def test_no_name_of_palpates_own_modules_stands_in_what_is_said_of_a_driver(tmp_
 def test_counts_that_no_link_can_have_are_the_drivers_fault(opened: Opens, given: str) -> None:
     tracker = opened(opens=f"self.counts = LinkCounts(lost={given})")
     with pytest.raises(
-        TrackerError, match=r"failed at `counts` \(ValueError: got .*, not whole numbers that never fall"
+        TrackerError, match=r"failed at `counts` \(ValueError: got .*, not whole numbers that never decrease"
     ):
         _ = tracker.counts

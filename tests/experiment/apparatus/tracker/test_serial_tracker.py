@@ -258,7 +258,7 @@ def test_a_port_that_vanishes_is_an_error_with_a_remedy(scripted: Open, error: E
     tracker, _ = scripted([frames(0, 1), error])
     tracker.read()
     for act in (tracker.read, tracker.drain):
-        with pytest.raises(TrackerStopped, match=r"the port has gone \(.*\); plug the device in again$"):
+        with pytest.raises(TrackerStopped, match=r"the port has disappeared \(.*\); plug in the device again$"):
             act()
     assert tracker.gone
 
@@ -280,7 +280,7 @@ def test_a_mistake_in_the_thread_reaches_the_reader(scripted: Open) -> None:
 def test_a_restart_is_an_error_and_stays_one(scripted: Open) -> None:
     tracker, _ = scripted([frames(90_000, 10) + frames(0, 10), frames(10, 10)])
     for _ in range(2):
-        with pytest.raises(TrackerError, match=r"no longer runs on from 90009000 us; it restarted"):
+        with pytest.raises(TrackerError, match=r"no longer continues from 90009000 us; it restarted"):
             tracker.read()
 
 
@@ -401,9 +401,12 @@ def test_a_device_that_does_not_come_back_is_named_with_the_reason(scripted: Ope
     [
         (serial.SerialException(errno.ENOENT, "could not open port"), "no such port; .*(connected)"),
         (serial.SerialException(errno.EACCES, "could not open port"), "not permitted; let this user"),
-        (serial.SerialException(errno.EBUSY, "could not open port"), "another program holds it; close"),
-        (serial.SerialException(errno.EAGAIN, "Could not exclusively lock port"), "another program holds it; close"),
-        (serial.SerialException("Could not configure port"), "Could not configure port; see that it is a serial port"),
+        (serial.SerialException(errno.EBUSY, "could not open port"), "another program is using it; close"),
+        (serial.SerialException(errno.EAGAIN, "Could not exclusively lock port"), "another program is using it; close"),
+        (
+            serial.SerialException("Could not configure port"),
+            "Could not configure port; check that it is a",
+        ),
         (
             ValueError("invalid URL, protocol 'x' not known"),
             "protocol 'x' not known; correct .tracker. in the rig file",

@@ -83,7 +83,7 @@ def test_a_sensor_beyond_its_calibration_is_refused(rehearsal: Rig) -> None:
     zeroing.check_reading(Heights([70.0, 69.0, 100.0]), tracker_of(rehearsal))
     for held in (-5.0, 100.0):
         with pytest.raises(
-            TrackerError, match=f"at or beyond {held:g} mm, .*allowed: -5 to 100 mm; see that the sensor"
+            TrackerError, match=f"at or beyond {held:g} mm, .*allowed: -5 to 100 mm; check that the sensor"
         ):
             zeroing.check_reading(Heights([held, held, 30.0]), tracker_of(rehearsal))
 
@@ -109,8 +109,8 @@ def test_heights_count_from_where_the_foot_rested() -> None:
 @pytest.mark.parametrize(
     ("heights_mm", "message"),
     [
-        (np.linspace(0, 2, 500), r"heights that spread by 0.58 mm; allowed: at most 0.5 mm; rest the foot"),
-        (np.full(500, 40.0), r"an offset of 40.00 mm; allowed: at most 3 mm either way \(tracker.zeroing_mm\); rest"),
+        (np.linspace(0, 2, 500), r"heights that vary by 0.58 mm; allowed: at most 0.5 mm; rest the foot"),
+        (np.full(500, 40.0), r"an offset of 40.00 mm; allowed: at most 3 mm up or down \(tracker.zeroing_mm\); rest"),
         (np.full(500, -3.5), r"an offset of -3.50 mm"),
         (np.zeros(1), r"got 1 samples; allowed: 2 or more"),
     ],

@@ -21,7 +21,7 @@ MATERIALS = ("sand", "snow")
     [
         ("", "line 1: got header ''; allowed: participant,presented,answered,count"),
         ("a,b\n", "line 1: got header 'a,b'"),
-        (HEADER, "got no counts below the header; allowed: one line a cell"),
+        (HEADER, "got no counts below the header; allowed: one line per cell"),
         (HEADER + "1,sand,snow\n", "line 2: got 3 fields; allowed: 4"),
         (HEADER + "1,sand,snow,2\n0,sand,sand,1\n", "line 3: participant: got '0'; allowed: a whole number from 1"),
         (HEADER + "x,sand,snow,2\n", "line 2: participant: got 'x'"),
@@ -41,7 +41,7 @@ MATERIALS = ("sand", "snow")
         (HEADER + f"1,sand,snow,{'9' * 5000}\n", "line 2: count: got '999"),
         (
             HEADER + "1,sand,snow,2\n1,sand,snow,2\n",
-            "line 3: got participant 1, ('sand', 'snow') twice; keep one",
+            "line 3: got participant 1, ('sand', 'snow') twice; remove one",
         ),
         (HEADER + '1,"sand,snow,2\n', "line 2: unexpected end of data"),
     ],

@@ -49,8 +49,8 @@ def test_the_status_of_what_was_imported_says_that_it_is_and_which_command_makes
     root = _made(tmp_path).root
     with pytest.raises(DatasetError) as refused:
         status(root, date(2026, 1, 1))
-    said = f"it holds only what was imported, of which palpate analyse {root} makes tables and a report"
-    assert str(refused.value) == f"{root}: holds no study; allowed: the dataset of one; {said}"
+    said = f"it contains only imported answers; to make tables and a report: palpate analyse {root}"
+    assert str(refused.value) == f"{root}: does not contain a study; allowed: the dataset of a study; {said}"
 
 
 def test_every_file_says_what_it_is_and_none_who_took_part(tmp_path: Path) -> None:
@@ -78,10 +78,10 @@ def test_a_run_that_stands_in_two_files_is_told(tmp_path: Path) -> None:
     for path, said in zip(paths, ("felt", "cork"), strict=True):
         path.write_text(f"who,shown,said\n1,felt,{said}\n1,cork,{said}\n")
     made = import_trials(paths, tmp_path / "out", layout, study="lab", source="a lab")
-    assert made.sentences[-1].startswith("Several files have trials of one task of: 01.")
+    assert made.sentences[-1].startswith("Several files contain trials from the same task for: 01.")
     assert read(made.root).attempts["trial"].tolist() == [1, 2, 3, 4]
     paths[1].write_bytes(paths[0].read_bytes())
-    with pytest.raises(DatasetError, match=r"b.csv: holds the same as .*a.csv; give each file once"):
+    with pytest.raises(DatasetError, match=r"b.csv: has the same content as .*a.csv; give each file once"):
         import_trials(paths, tmp_path / "again", layout, study="lab", source="a lab")
 
 
@@ -89,7 +89,10 @@ def test_a_run_that_stands_in_two_files_is_told(tmp_path: Path) -> None:
     ("body", "told"),
     [
         ("1,a,0,felt,felt,\n01,a,1,cork,felt,\n", r"line 3: column who: got '01' and '1'"),
-        ("1,a b,0,felt,felt,\n1,ab,1,cork,felt,\n", r"line 3: column task: got the task 'ab', whose id would be 'ab'"),
+        (
+            "1,a b,0,felt,felt,\n1,ab,1,cork,felt,\n",
+            r"line 3: column task: got the task 'ab', whose id would be 'ab'",
+        ),
         ("1,a,0,fe\u202elt,felt,\n1,a,1,cork,felt,\n", r"U\+202E"),
     ],
 )
@@ -110,7 +113,7 @@ def test_answers_to_a_published_study_are_compared_with_its_paper(tmp_path: Path
     found = audit(str(made.root))
     assert (found.origin, found.label) == ("IMPORTED", LABELS["IMPORTED"])
     assert "measured elsewhere" in found.text()
-    assert "What does not agree" not in found.text()
+    assert "Does not agree" not in found.text()
 
 
 def test_measured_counts_are_no_reconstruction(tmp_path: Path) -> None:
@@ -144,14 +147,17 @@ def test_a_material_that_tables_read_as_missing_is_refused_and_a_row_with_it_is_
     file.write_text("who,shown,said\n1,felt,felt\n1,cork,NA\n1,NA,felt\n1,,\n", "utf-8")
     layout = Layout("shown", "said", "who")
     made = import_trials([file], tmp_path / "one", layout, study="lab", source="here")
-    assert "were passed over: 2, 1 of them with 'NA', which is read as a missing value." in made.sentences[1]
-    with pytest.raises(DatasetError, match="got a material 'NA', which tables take for a missing value; rename it"):
+    assert (
+        "Rows skipped because they are not trials: 2, 1 of them with 'NA', which counts as a missing value."
+        in made.sentences[1]
+    )
+    with pytest.raises(DatasetError, match="got the material 'NA', which means a missing value in tables; rename it"):
         import_trials([file], tmp_path / "two", layout, study="lab", source="here", materials=("felt", "cork", "NA"))
     file.write_text("who,shown,said\n1,felt,felt\n1,nan,felt\n", "utf-8")
-    with pytest.raises(DatasetError, match="got a material 'nan'"):
+    with pytest.raises(DatasetError, match="got the material 'nan'"):
         import_trials([file], tmp_path / "two", layout, study="lab", source="here")
     file.write_text("participant,presented,answered,count\n1,NA,NA,3\n1,felt,felt,4\n", "utf-8")
-    with pytest.raises(DatasetError, match="got a material 'NA'"):
+    with pytest.raises(DatasetError, match="got the material 'NA'"):
         study_text("lab", {"one": file}, "here", measured=True)
 
 

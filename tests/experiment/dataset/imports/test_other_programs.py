@@ -127,7 +127,7 @@ def test_rules_leave_out_rows_and_times_and_say_how_many(tmp_path: Path) -> None
     assert [row.response_time_s for row in found.rows] == [None, 0.5]
     assert (found.left_out, found.missing_times) == ({("block", "practice"): 1, ("who", ""): 1}, 1)
     made = import_trials([path], tmp_path / "out", layout, study="lab", source="made")
-    stated = [sentence for sentence in made.sentences if "as stated" in sentence]
+    stated = [sentence for sentence in made.sentences if "as requested" in sentence]
     assert len(stated) == 3
     assert all(sentence in " ".join((made.root / "README").read_text().split()) for sentence in stated)
 

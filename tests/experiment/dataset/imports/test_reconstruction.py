@@ -68,7 +68,7 @@ def test_the_committed_dataset_says_what_it_is(repository_root: Path) -> None:
         assert label in (committed / name).read_text(), name
     for path in committed.glob("sub-*/beh/*.json"):
         assert label in path.read_text(), path
-        assert "which participant of one task is which of another" in path.read_text(), path
+        assert "matching of participants" in path.read_text(), path
     study = read(committed)
     assert (study.origin, len(study.participants)) == ("RECONSTRUCTION", 15)
     assert study.materials == ("copy paper", "aluminum foil", "polypropylene", "typing paper")
@@ -129,7 +129,9 @@ def test_a_bad_counts_file_leaves_no_dataset(tmp_path: Path) -> None:
 def test_of_one_material_no_dataset_is_made(tmp_path: Path) -> None:
     """A reader refuses it: nothing is identified."""
     counts = {"one": _counts(tmp_path, "1,sand,sand,5\n2,sand,(none),1\n")}
-    with pytest.raises(DatasetError, match="other: got one material, sand; allowed: two or more; give the counts of"):
+    with pytest.raises(
+        DatasetError, match="other: got only one material, sand; allowed: two or more; give the counts of"
+    ):
         import_counts(counts, tmp_path / "out", study=study_text("other", counts, "a table"))
     assert not (tmp_path / "out").exists()
 
@@ -157,7 +159,7 @@ def test_a_dataset_is_never_overwritten(tmp_path: Path) -> None:
     path = _counts(tmp_path, "1,sand,sand,1\n")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine").write_text("mine")
-    with pytest.raises(DatasetError, match="never overwritten"):
+    with pytest.raises(DatasetError, match="never overwrites"):
         import_counts({"one": path}, tmp_path / "out", study=STUDY)
     assert _files(tmp_path / "out") == {"mine": b"mine"}
     assert sorted(p.name for p in tmp_path.iterdir()) == ["counts.csv", "out"]
@@ -176,7 +178,7 @@ def test_texts_that_are_held_are_used() -> None:
     assert study_text("okamoto2012", {}, "elsewhere").source == "elsewhere"
 
 
-@pytest.mark.parametrize(("study", "message"), [("lab", "say with --source"), ("../lab", "allowed: lower-case")])
+@pytest.mark.parametrize(("study", "message"), [("lab", "with --source"), ("../lab", "allowed: lower-case")])
 def test_a_study_that_cannot_be_described_is_refused(study: str, message: str) -> None:
     with pytest.raises(DatasetError, match=message):
         study_text(study, {})

@@ -118,7 +118,7 @@ def test_what_a_spreadsheet_puts_between_cells(tmp_path: Path, delimiter: str) -
 def test_materials_in_the_order_given_and_one_that_is_never_presented(tmp_path: Path) -> None:
     path = _file(tmp_path, "who,shown,said\n1,felt,sand\n1,cork,cork\n")
     assert read_trials([path], PLAIN, ("sand", "felt", "cork")).materials == ("sand", "felt", "cork")
-    with pytest.raises(DatasetError, match=r"line 2: column said: got 'sand'; allowed: cork, felt, \(none\); say"):
+    with pytest.raises(DatasetError, match=r"line 2: column said: got 'sand'; allowed: cork, felt, \(none\); map it"):
         read_trials([path], PLAIN)
 
 
@@ -134,19 +134,19 @@ def test_a_code_of_the_material_presented(tmp_path: Path) -> None:
         ("who,shown,answer\n", {}, r"line 1: column said: got no such column; allowed: one of who, shown, answer"),
         ("who,said,shown,said\n", {}, r"line 1: column said: got 2 such columns"),
         ("who,shown,said_1,said_2\n", {}, r"column said: got no such column; .*pivot_longer"),
-        ("", {}, r"got an empty file; allowed: a header, and a row for each trial; name another file"),
+        ("", {}, r"got an empty file; allowed: a header, and one row per trial; give another file"),
         (
             "who,shown,said\n1,felt,felt\n",
             {"answered": "shown"},
-            r"got the column shown, as --presented; allowed: another",
+            r"got the column shown, as for --presented; allowed: another",
         ),
         ("who,shown,said\n1,felt,f\n1,cork,cork\n", {}, r"line 2: column said: got 'f'; .*: --map f=MATERIAL"),
         ("who,shown,said\n,felt,felt\n", {}, r"line 2: column who: got ''; allowed: who took part"),
-        ("who,shown,said\n1,,\n\n", {}, r"got no trial: shown is empty in every row"),
+        ("who,shown,said\n1,,\n\n", {}, r"has no trials: shown is empty in every selected row"),
         ("who,shown,said\n1,felt,felt\n", {}, r"column shown: got 1 different materials \(felt\); allowed: 2 to 64"),
         ("who,shown,said\n1,felt,felt\n1,Felt,felt\n", {}, r"'Felt' and 'felt', which look the same"),
-        ('who,shown,said\n"1\n2",felt,felt\n1,felt\n', {}, r"line 4: got 2 cells under 3 columns"),
-        ("who,shown,said\n1,felt,felt,x\n", {}, r"line 2: got 4 cells under 3 columns"),
+        ('who,shown,said\n"1\n2",felt,felt\n1,felt\n', {}, r"line 4: got 2 cells for 3 columns"),
+        ("who,shown,said\n1,felt,felt,x\n", {}, r"line 2: got 4 cells for 3 columns"),
         ('who,shown,said\n1,"fe"lt,felt\n', {}, r"line 2: .*; write plain CSV"),
         ("who,shown,said,n\n1,felt,felt,2.5\n", {"trial": "n"}, r"line 2: column n: got '2.5'; allowed: a whole"),
         (

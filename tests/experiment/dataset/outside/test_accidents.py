@@ -77,7 +77,7 @@ CASES: dict[str, tuple[str, Callable[[Path], Path], str]] = {
     "line ends of the roster": ("sourcedata/roster.jsonl", line_ends, "refuses"),
     "line ends of a table": ("sub-01/beh/sub-01_task-virtual_events.tsv", line_ends, "refuses"),
     "a file of macOS": (f"{JOURNAL}.jsonl", apple, "unknown"),
-    "an annexed file": (f"{JOURNAL}.jsonl", not_fetched, "refuses"),
+    "a git-annex file": (f"{JOURNAL}.jsonl", not_fetched, "refuses"),
     "an annexed table": ("sub-01/beh/sub-01_task-virtual_events.tsv", not_fetched, "refuses"),
     "a pointer to a rig": (RIG, pointer, "refuses"),
     "an LFS pointer": ("sourcedata/sub-01/sub-01_task-virtual_foot.cobs", pointer, "refuses"),

@@ -293,7 +293,7 @@ def test_an_answer_and_its_confirmation_held_down_do_not_end_the_session(tmp_pat
 def test_the_words_of_a_refusal_stand_above_the_question(tmp_path: Path) -> None:
     async def then(there: Desk) -> None:
         for number, kind in enumerate(KINDS):
-            words = f"'z' is no key here, the {number}th time."
+            words = f"'z' is not a key here, the {number}th time."
             there.end.refusals = {"z": words}
             await there.show(asking(kind, number))
             await there.press("z")
@@ -349,7 +349,7 @@ def test_what_is_typed_when_nothing_is_asked_is_told_and_shown(tmp_path: Path) -
     async def then(there: Desk) -> None:
         await there.press("c", "enter", "left", "f12")
         assert await there.deeds(2) == [Typed(keys="c"), Typed(keys="\n")]
-        told = "Enter was pressed while nothing was asked, and was ignored."
+        told = "Enter was pressed when there was no question, and was ignored."
         assert told in there.said
         await there.show(asking("place"))
         # What was told before the question holds beside it.
@@ -364,13 +364,13 @@ def test_what_was_told_of_a_question_that_is_over_stands_above_no_other(
     tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
     async def then(there: Desk) -> None:
-        there.end.refusals = {"z": "'z' is no key here.", "y": CLOSED}
+        there.end.refusals = {"z": "'z' is not a key here.", "y": CLOSED}
         await there.press("z")
-        await there.until(lambda: "is no key here" in there.text)
+        await there.until(lambda: "is not a key here" in there.text)
         await there.show(asking("place", 6))
         assert there.notice == ""
         await there.press("y")
-        await there.until(lambda: "answered nothing" in there.text)
+        await there.until(lambda: "key was ignored" in there.text)
         await there.show(ARMED)
         assert there.notice == ""
         await there.show(ARMED.model_copy(update={"state": "waiting"}))
@@ -475,9 +475,9 @@ def test_enter_that_ends_a_form_and_is_held_confirms_nothing(tmp_path: Path) -> 
 
 def test_what_a_refused_form_held_is_kept(tmp_path: Path) -> None:
     async def then(there: Desk) -> None:
-        there.end.refusals = {"x": "'x' does not stand for an answer."}
+        there.end.refusals = {"x": "'x' is not the key of an answer."}
         await there.press("f3", "x", "enter", *"slip", "enter")
-        await there.until(lambda: "does not stand for an answer" in there.text)
+        await there.until(lambda: "is not the key of an answer" in there.text)
         assert [field.value for field in there.app.query(Input)][:3] == ["2", "x", "slip"]
 
     at_a_desk(tmp_path, ARMED, then)
@@ -486,11 +486,11 @@ def test_what_a_refused_form_held_is_kept(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        (("f3", "a", "enter", "enter"), "Reason is empty."),
-        (("f3", "enter"), "Key is empty."),
-        (("f4", "enter"), "Reason is empty."),
-        (("f6", "0", "enter"), "is no length of a break."),
-        (("f2", "enter"), "Note is empty."),
+        (("f3", "a", "enter", "enter"), "Reason is blank."),
+        (("f3", "enter"), "Key is blank."),
+        (("f4", "enter"), "Reason is blank."),
+        (("f6", "0", "enter"), "is not a valid break."),
+        (("f2", "enter"), "Note is blank."),
     ],
 )
 def test_a_form_that_is_not_filled_in_says_what_is_missing(tmp_path: Path, keys: tuple[str, ...], words: str) -> None:
@@ -548,7 +548,7 @@ def test_a_session_that_is_gone_can_be_started_again(tmp_path: Path, key: str, a
     async def then(there: Desk) -> None:
         await there.press("f2", "x")
         there.end_session()
-        await there.until(lambda: "The session's process is gone." in there.text)
+        await there.until(lambda: "The session's process has ended." in there.text)
         assert "GONE" in there.text
         await there.press("c")
         await there.press(key)
@@ -560,7 +560,7 @@ def test_enter_that_was_held_when_the_session_died_does_not_start_it_again(tmp_p
     async def then(there: Desk) -> None:
         await there.press("enter")
         there.end_session()
-        await there.until(lambda: "The session's process is gone." in there.text)
+        await there.until(lambda: "The session's process has ended." in there.text)
         await there.press(*["enter"] * 30, after_s=0.05)
         assert there.app.is_running
 
@@ -717,7 +717,7 @@ NAMES = (
 
 @pytest.mark.parametrize("size", [(80, 24), (140, 50)])
 def test_eight_materials_are_whole_on_the_screen(tmp_path: Path, size: tuple[int, int]) -> None:
-    others = (("n", "no answer"), ("r", "do this trial again"), ("+", "masker louder"), ("-", "masker softer"))
+    others = (("n", "no answer"), ("r", "repeat this trial"), ("+", "masker louder"), ("-", "masker softer"))
     choices = tuple(Choice(key=str(number), words=name, answer=True) for number, name in enumerate(NAMES, start=1))
     choices += tuple(Choice(key=key, words=words) for key, words in others)
     asked = question("answer").model_copy(update={"choices": choices, "text": "What did the participant say?"})
@@ -725,9 +725,9 @@ def test_eight_materials_are_whole_on_the_screen(tmp_path: Path, size: tuple[int
 
     async def run() -> str:
         async with desk(tmp_path, view, size) as there:
-            there.end.refusals = {"z": "'z' is no key here."}
+            there.end.refusals = {"z": "'z' is not a key here."}
             await there.press("z")
-            await there.until(lambda: "is no key here" in there.text and NAMES[-1] in there.text)
+            await there.until(lambda: "is not a key here" in there.text and NAMES[-1] in there.text)
             return there.text
 
     text = asyncio.run(run())

@@ -37,7 +37,7 @@ def test_who_stops_in_a_break_is_asked_about_the_day_and_no_trial(approved: Snap
 @pytest.mark.parametrize("name", ["break", "stop"])
 def test_who_pauses_while_an_answer_is_asked_for_is_told_that_the_trial_comes_again(name: str, kind: str) -> None:
     title = forms.opened(name, VIEW.model_copy(update={"question": question(kind)})).title
-    warned = "Trial 7, which waits for its answer, comes again." in title
+    warned = "Trial 7, still unanswered, will be repeated." in title
     assert warned is (kind in ("answer", "confirm"))
 
 

@@ -82,7 +82,7 @@ def test_it_says_how_far_the_study_is_and_what_comes_next() -> None:
     told = " ".join(seen.split())
     for words in ("steps · Steps on sand and snow", "1 to begin", "1 withdrawn", "1 doubted", "0 excluded"):
         assert words in told
-    for words in ("AGAINST THE EVIDENCE", "sub-04: cut", "03, task 1 of 2", "05 is to be enrolled", "Make room."):
+    for words in ("PROBLEMS IN THE DATA", "sub-04: cut", "03, task 1 of 2", "05 is next to enroll", "Make room."):
         assert words in told
     # The order of tasks is concealed before a session.
     assert "virtual" not in told
@@ -90,7 +90,7 @@ def test_it_says_how_far_the_study_is_and_what_comes_next() -> None:
 
 def test_enter_begins_the_session_of_whoever_comes_next_and_of_nobody_who_is_done() -> None:
     assert shown(Shelf(), "enter", wanted="ENDED")[1] == "03"
-    refused, ended = shown(Shelf(), "up", "up", "enter", wanted="There is no session to begin")
+    refused, ended = shown(Shelf(), "up", "up", "enter", wanted="There is no session for this participant to begin")
     assert "Participant 01: done." in refused
     assert ended is None
     assert shown(Shelf(), "f9", wanted="ENDED")[1] is None

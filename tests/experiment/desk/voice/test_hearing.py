@@ -169,5 +169,5 @@ def test_channels_of_other_moments_are_refused(enrolment: Enrolment, refuses: Re
 
 def test_a_take_is_one_utterance() -> None:
     for words, number in (((), 0), ((("paper", 2.2, 0.5), ("paper", 3.3, 0.5)), 2)):
-        with pytest.raises(VoiceError, match=f"enrolment: got {number} utterances; allowed: one, the answer"):
+        with pytest.raises(VoiceError, match=f"enrolment: got {number} utterances; allowed: one utterance"):
             take(*recording(*words), rate_hz=RATE_HZ, answerable_s=ANSWERABLE_S)

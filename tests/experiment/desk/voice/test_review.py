@@ -31,8 +31,8 @@ HEARD = Spoken(trial=1, attempt=1, onset_s=0.5, proposed="copy paper", agreement
         ({}, "typing paper", "another answer was proposed"),
         ({}, None, "another answer was proposed"),
         ({"proposed": None}, "copy paper", "nothing was proposed"),
-        ({"lead": 0.1}, "copy paper", "another answer was nearly as near"),
-        ({"onset_s": None, "proposed": None}, "copy paper", "nobody was heard"),
+        ({"lead": 0.1}, "copy paper", "another answer matched almost as well"),
+        ({"onset_s": None, "proposed": None}, "copy paper", "no speech was detected"),
         ({"onset_s": None, "proposed": None}, None, ""),
     ],
 )
@@ -52,7 +52,7 @@ def test_kappa_is_that_of_the_textbook(protocol: Protocol) -> None:
     assert found.kappa == pytest.approx(0.68, abs=0.005)
     assert found.low == pytest.approx(0.68 - 1.96 * 0.087, abs=0.01)
     assert found.high == pytest.approx(0.68 + 1.96 * 0.087, abs=0.01)
-    assert "kappa 0.68, 95 % from 0.5" in found.summary
+    assert "kappa 0.68, 95 % CI 0.5" in found.summary
 
 
 def test_kappa_is_not_defined_where_all_is_one_answer(protocol: Protocol) -> None:

@@ -185,10 +185,10 @@ def test_the_energy_is_all_there() -> None:
 @pytest.mark.parametrize(
     ("of", "words", "penetration"),
     [
-        (Collision(2500.0, 100.0, 1.0, 0.2, law="printed"), "critical or above", 0.2 / 50 * exp(-1)),
-        (Collision(0.0, 2.0, 1.0, 0.2), "nothing throws the mass back", 0.1),
-        (Collision(0.0, 0.0, 1.0, 0.2), "goes deeper without an end", None),
-        (Collision(0.0, 2.0, 1.0, 0.2, 1.0), "drives the mass on into the block", None),
+        (Collision(2500.0, 100.0, 1.0, 0.2, law="printed"), "critical or higher", 0.2 / 50 * exp(-1)),
+        (Collision(0.0, 2.0, 1.0, 0.2), "nothing pushes the mass back", 0.1),
+        (Collision(0.0, 0.0, 1.0, 0.2), "goes deeper without limit", None),
+        (Collision(0.0, 2.0, 1.0, 0.2, 1.0), "pushes the mass deeper into the block", None),
         (Collision(2500.0, 100.0, 1.0, 0.2, 50.0), "comes to rest at F / K", None),
     ],
 )

@@ -220,7 +220,7 @@ def test_smoothing_keeps_equation_6_between_even_spectra() -> None:
 
 def test_nobody_answers_before_meeting_the_materials() -> None:
     stranger = Observer(MATERIALS, IDS, rng=np.random.default_rng(0))
-    with pytest.raises(SessionError, match="familiarise"):
+    with pytest.raises(SessionError, match="familiarization"):
         answered(stranger.feel_real(np.zeros(2500), speed_mm_s=100), np.random.default_rng(0))
 
 

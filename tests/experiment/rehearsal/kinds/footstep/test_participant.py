@@ -21,7 +21,7 @@ from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kinds.footstep import participant as footstep
 from palpate.experiment.rehearsal.kinds.footstep.participant import MOST_RESTS, SimulatedParticipant
 from palpate.experiment.rehearsal.kinds.footstep.recorded_takes import SimulatedMaterials
-from palpate.experiment.rehearsal.practice import Guided, Practised
+from palpate.experiment.rehearsal.practice import Guided, Practiced
 from palpate.experiment.rehearsal.wires.foot import Foot
 from tests.approved import Refuses
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
@@ -102,7 +102,7 @@ def test_at_the_keys_an_experimenter_hears_one_answer_however_often_they_are_ask
     monkeypatch.setattr(SimulatedParticipant, "ask", lambda *_: Reply())
     typed, screen = deque(["note Coughs.", "p", "n", "c", "c"]), io.StringIO()
     desk = TerminalConsole(write=screen, ask=lambda _: typed.popleft(), heading="PRACTICE")
-    one = Practised(desk=Guided(desk, first=False), participant=participant(Resting()))
+    one = Practiced(desk=Guided(desk, first=False), participant=participant(Resting()))
     answers = {"c": "copy paper", "p": "polypropylene"}
     one.ask(Arm(1, 1, 2))
     assert one.ask(TrialAnswer(1, answers, "n", {})).remark == TakeNote(text="Coughs.", trial=1)
@@ -126,7 +126,7 @@ def test_at_the_keys_the_participant_says_how_loud_the_masker_is_and_rests_the_f
         return ""
 
     desk = TerminalConsole(write=screen, ask=ask, heading="PRACTICE")
-    one = Practised(desk=Guided(desk, first=False), participant=participant(foot))
+    one = Practiced(desk=Guided(desk, first=False), participant=participant(foot))
     for level_db_a in (40.0, 70.0):
         assert one.ask(Level(level_db_a, 80.0, "Nothing is heard.", probe=False, by="experimenter")).key == ENTER
     assert screen.getvalue() == approved

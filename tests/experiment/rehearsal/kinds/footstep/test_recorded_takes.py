@@ -77,7 +77,7 @@ def test_recordings_are_labelled_simulated(tmp_path: Path, protocol: Protocol) -
     number = recorded_takes.session(plan(protocol, source=recorded_takes.source(0), simulated=True), seed=0).number
     assert f"seed 0, session {number}, " in said
     assert "within 0.018 of Table 3" in said
-    assert "made, not found" in said
+    assert "is not evidence" in said
     assert len(list(tmp_path.glob("*.wav"))) == (4 + 1) * 4 * 3
 
 
@@ -105,7 +105,7 @@ def test_a_material_of_another_id_is_simulated_generically_and_its_manifest_says
             tmp_path / name, protocol=protocol.model_copy(update={"materials": materials}), seed=0
         )
         told.append(manifest.read_text("utf-8"))
-    assert [line for text in told for line in text.splitlines() if "generically" in line] == approved
+    assert [line for text in told for line in text.splitlines() if "is generic" in line] == approved
     assert generic(CRACKLES) == ""
 
 

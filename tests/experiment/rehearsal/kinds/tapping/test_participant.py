@@ -14,7 +14,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.kinds.tapping.participant import TAPS_AT_MOST, Fingers, SimulatedTapper
-from palpate.experiment.rehearsal.practice import Guided, Practised
+from palpate.experiment.rehearsal.practice import Guided, Practiced
 from tests.experiment.protocol.tapping import protocol
 from tests.experiment.session.scripted import ScriptedConsole
 
@@ -94,9 +94,9 @@ def test_in_real_time_a_hand_that_feels_nothing_taps_again(unfelt: int, monkeypa
     assert len(reached) == min(unfelt + 1, TAPS_AT_MOST)
 
 
-def test_who_practises_is_told_what_the_participant_says(approved: SnapshotAssertion) -> None:
+def test_who_practices_is_told_what_the_participant_says(approved: SnapshotAssertion) -> None:
     desk = ScriptedConsole(ManualClock(0), "1")
-    one = Practised(desk=Guided(desk, first=False), participant=tapper())
+    one = Practiced(desk=Guided(desk, first=False), participant=tapper())
     one.ask(Place(1, ("plastic", "silicone")))
     assert one.ask(TrialAnswer(1, {"1": "first"}, "n", {})).key == "1"
     assert desk.placed == [(1, "plastic | silicone")]

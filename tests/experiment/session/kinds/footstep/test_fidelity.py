@@ -243,7 +243,7 @@ def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, v
         lowered = field in ("below", "above", "held_back", "taken_down", "table")
         assert (f"{name}: {remedy}" in text) == lowered
     assert max(map(len, budget.lines())) <= 100
-    assert re.search(r"(?m)^  all .* +23\.9 to 39\.1 +20\.4 .* 27\.3 +17\.1 .* 24\.9 +11\.2 .* 28\.6$", text)
+    assert re.search(r"(?m)^  total +23\.9 to 39\.1 +20\.4 .* 27\.3 +17\.1 .* 24\.9 +11\.2 .* 28\.6$", text)
     assert re.search(r"(?m)^  W interpolated, \(7\) +0\.22 to", text)
     assert "  timing: contact " in text
     assert budget.refused.startswith("rig 'headless': got 34.")
@@ -269,7 +269,7 @@ def test_a_real_rig_whose_response_nobody_measured_is_refused_whatever_it_carrie
 def test_a_plan_of_vibrations_refuses_a_panel_that_nobody_measured() -> None:
     silent = Detailed((20.0, 600.0), (Budget(1.0, 0.0),) * 2, (1.0, 2.0), (), None, None)
     planned = TaskPlan("virtual", "Virtual", (), (), ErrorBudget({"felt": silent}, (None, None), None, False, ""))
-    finding = Finding("nobody measured its panel", "rig.toml")
+    finding = Finding("its panel was never measured", "rig.toml")
     assert with_refusal(planned, finding).refused == finding.sentence()
     assert with_refusal(planned, None) == planned
     already = replace(planned, budget=replace(planned.budget, refused="left out"))  # type: ignore[type-var]
@@ -284,7 +284,7 @@ def test_what_a_perfect_rig_leaves_is_said_without_advice(approved: SnapshotAsse
     lines = budget.lines()
     assert lines == approved
     assert budget.as_dict()["assumes"] is None
-    assert "  all of it                      <0.001" in lines
+    assert "  total                          <0.001" in lines
     after = lines[lines.index("what would lower it") + 1 :]
     assert len(after) == 1
 

@@ -573,7 +573,7 @@ def test_quiet_takes_block_and_vibration_away_whatever_the_disk_does(
 
 
 def test_a_failure_leaves_no_block(tmp_path: Path) -> None:
-    stood = ServoError("the session stood still for 5.2 s")
+    stood = ServoError("the session was frozen for 5.2 s")
     session = Session([([stood], "1"), ([], "2"), ([], "1")], tmp_path)
     # For practice, laid and taken away as it failed and after the answer; for two trials more; and at the end.
     there = [one is not None for one in session.servo.rendered]
