@@ -65,15 +65,13 @@ def even(times_s: Floats, lines: Lines, stated: Stated) -> Grid:
 
     Raises `RecordingError` below two samples, and where a step is not even or a sample is off the grid.
     """
-    steps, median = _steps(times_s)
-    off = max(float(steps.max()) - median, median - float(steps.min()))
-    even_steps = 0 < median < np.inf and off <= LARGEST_STEP_ERROR * median
-    grid = _departure(times_s) if even_steps else None
+    grid = _departure(times_s) if _has_even_steps(times_s) else None
     if grid is not None and grid.jitter <= LARGEST_STEP_ERROR:
         return grid
     if (rounded := _rounded(times_s)) is not None:
         return rounded
     if grid is None:
+        steps, median = _steps(times_s)
         worst = int(np.argmax(np.abs(steps - median)))
         raise RecordingError(
             f"got a time step of {steps[worst]:g} s{_overflow(float(steps[worst]))}",
@@ -101,6 +99,8 @@ def unwrapped(times_s: Floats) -> tuple[Floats, bool]:
     It counts microseconds or milliseconds, and each step back is one of all its values, give or take
     `LARGEST_STEP_ERROR`.
     """
+    if (times_s[1:] >= times_s[:-1]).all():
+        return times_s, False
     steps, median = _steps(times_s)
     for period_s in PERIODS_S:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -266,15 +266,29 @@ def _missing(steps: Floats) -> NDArray[np.int64]:
     return np.maximum(np.floor(steps + 0.1).astype(np.int64) - 1, 0)
 
 
+def _has_even_steps(times_s: Floats) -> bool:
+    """Return whether each step is near the median, which is not looked for where all are near the least."""
+    steps = _differences(times_s)
+    least, most = float(steps.min()), float(steps.max())
+    if least > 0 and most - least <= LARGEST_STEP_ERROR * least:
+        return True
+    median = float(np.median(steps))
+    return 0 < median < np.inf and max(most - median, median - least) <= LARGEST_STEP_ERROR * median
+
+
 def _steps(times_s: Floats) -> tuple[Floats, float]:
     """Return the steps of times, shape (n - 1,), and their median."""
+    steps = _differences(times_s)
+    return steps, float(np.median(steps))
+
+
+def _differences(times_s: Floats) -> Floats:
     if times_s.size < 2:
         raise RecordingError(
             f"got {times_s.size} rows", remedy="record longer", allowed="two or more, to derive a sampling rate"
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        steps = np.diff(times_s)
-        return steps, float(np.median(steps))
+        return np.diff(times_s)
 
 
 def _departure(times_s: Floats) -> Grid:
