@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import re
 import shutil
@@ -212,6 +213,53 @@ def screen(display: Display, rig: Path, at: Path) -> Iterator[subprocess.Popen[s
         process.communicate()
 
 
+SCREENS = """\
+import json, os, sys
+import pyglet
+# A window that nobody sees is made as pyglet is imported; here, not before there is a process of its own.
+pyglet.options["shadow_window"] = False
+from psychopy import logging, visual
+from psychopy.hardware import keyboard
+from palpate.experiment.__main__ import main
+from palpate.experiment.cli import app
+from palpate.experiment.desk import screen
+visual.Window, visual.ImageStim, visual.Circle
+for line in sys.stdin:
+    if (process := os.fork()) == 0:
+        pyglet.options["shadow_window"] = True
+        pyglet.gl._create_shadow_window()
+        sys.argv = json.loads(line)
+        main()
+    print(process, flush=True)
+"""
+"""Screens that begin in forks of one process, which has spent the seconds that PsychoPy's imports take."""
+
+
+@pytest.fixture(scope="module")
+def screens(display: Display) -> Iterator[subprocess.Popen[str]]:
+    """A process that opens a screen for each line with its arguments, and says its number."""
+    command, ends = [sys.executable, "-c", SCREENS], subprocess.PIPE
+    with subprocess.Popen(command, env=display.environment, stdin=ends, stdout=ends, text=True) as process:
+        yield process
+        process.kill()
+
+
+@contextmanager
+def forked_screen(screens: subprocess.Popen[str], rig: Path, at: Path) -> Iterator[int]:
+    """A screen's process, which ends by SIGKILL at the latest."""
+    assert screens.stdin is not None
+    assert screens.stdout is not None
+    arguments = ["palpate", "screen", "okamoto2012", "--rig", str(rig), "--session-at", str(at)]
+    screens.stdin.write(json.dumps(arguments) + "\n")
+    screens.stdin.flush()
+    process = int(screens.stdout.readline())
+    try:
+        yield process
+    finally:
+        # Nobody waits for it, so no other process has its number.
+        os.kill(process, 9)
+
+
 @pytest.fixture(scope="module")
 def end(tmp_path_factory: pytest.TempPathFactory) -> Iterator[End]:
     made = End()
@@ -403,11 +451,13 @@ def test_a_second_screen_is_refused(display: Display, end: End, rig: Path, windo
     assert second.returncode == 2
 
 
-def test_it_outlives_its_session_and_a_session_outlives_it(display: Display, rig: Path, tmp_path: Path) -> None:
+def test_it_outlives_its_session_and_a_session_outlives_it(
+    display: Display, screens: subprocess.Popen[str], rig: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "s.sock"
     first, second = End(), End()
     first.prompt = Prompt(number=5, show="ready")
-    with screen(display, rig, path) as process:
+    with forked_screen(screens, rig, path) as process:
         with closing(Link(path, first)) as first.link:
             first.shown()
         wait_until(lambda: off(display.picture(), expected(None)) <= 2, "it does not ask the participant to wait")
@@ -415,10 +465,10 @@ def test_it_outlives_its_session_and_a_session_outlives_it(display: Display, rig
         second.link = Link(path, second)
         second.shown()
         assert off(display.picture(), expected(second.prompt)) <= 2
-        process.kill()
+        os.kill(process, 9)
         wait_until(lambda: second.screens == 0, "the session did not notice")
     second.prompt = Prompt(number=2, show="ready", pace="fast")
-    with screen(display, rig, path):
+    with forked_screen(screens, rig, path):
         second.shown(1)
         assert off(display.picture(), expected(second.prompt)) <= 2
         second.say(Prompt(show="thanks"))
@@ -548,14 +598,13 @@ SHOWN = {
 """What the participant sees at each step of a practiced visit, before the first answer of a task."""
 
 
-@pytest.mark.parametrize("steps", [("familiarise", "armed", "answer", "confirm"), ("place", "write", "debrief")])
 def test_a_screen_that_is_killed_at_every_step_comes_back_there(
-    display: Display, rig: Path, tmp_path: Path, steps: tuple[str, ...]
+    display: Display, screens: subprocess.Popen[str], rig: Path, tmp_path: Path
 ) -> None:
     """The session stands at its question meanwhile, and everything that is answered is on record in the end."""
     protocol = tmp_path / "small.toml"
     protocol.write_text(re.sub("repetitions = [0-9]", "repetitions = 1", SMALL), "utf-8")
-    at, data, left = tmp_path / "s.sock", tmp_path / "data", {step: SHOWN[step] for step in steps}
+    at, data, left = tmp_path / "s.sock", tmp_path / "data", dict(SHOWN)
     command = [sys.executable, "-m", "palpate.experiment", "run", str(protocol), "--practice", "--rig", str(rig)]
     command += ["--dataset", str(data), "--session-at", str(at)]
     with (tmp_path / "log").open("wb") as log, ExitStack() as opened:
@@ -565,7 +614,7 @@ def test_a_screen_that_is_killed_at_every_step_comes_back_there(
         wait_until(lambda: answers(at) or session.poll() is not None, "no session")
         console = Line(at, Hello(role="console", by="console"))
         opened.callback(console.close)
-        screens: list[subprocess.Popen[str]] = []
+        now_open = 0
         step, asked, answered, gone = "", -1, -1, False
         for message in console.messages():
             if not isinstance(message, View) or message.gauges is None:
@@ -575,10 +624,10 @@ def test_a_screen_that_is_killed_at_every_step_comes_back_there(
             now = question.kind if question is not None else message.state
             if now in left and not step and connected:
                 step, asked, gone = now, question.number if question is not None else -1, False
-                os.kill(screens[-1].pid if screens else _screen_of(session.pid), 9)
+                os.kill(now_open or _screen_of(session.pid), 9)
             elif step and not connected and not gone:
                 gone = True
-                screens.append(opened.enter_context(screen(display, rig, at)))
+                now_open = opened.enter_context(forked_screen(screens, rig, at))
             elif step and connected and gone:
                 assert asked < 0 or (question is not None and question.number == asked), "session went on"
                 # The foot may have stepped meanwhile: who is armed is not held up.
