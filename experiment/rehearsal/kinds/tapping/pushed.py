@@ -12,8 +12,11 @@ crossovers, that of the highest moves the hand, whichever lies there.
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +27,12 @@ from palpate.experiment.apparatus.servo import rendering
 from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.apparatus.servo.passivity import follower
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE, Rendered, bounded
-from palpate.experiment.apparatus.tracker.settings import TrackerRig
+from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.wires.foot import Trajectory
 from palpate.experiment.session.kinds.tapping.virtual import blocks, limit_n
-from palpate.experiment.synthesis.contact.block import Block
+from palpate.experiment.synthesis.contact.block import Block, Pair
 from palpate.experiment.synthesis.contact.force import HAND_KG, HAND_N_M, HAND_N_S_M
 from palpate.experiment.synthesis.contact.observer import Observer
 
@@ -81,7 +84,7 @@ def moved(path: Trajectory, device: Device) -> Trajectory:
     us = np.arange(int(path.duration_us * tracker.rate_hz / 1e6) + 1, dtype=np.float64) * (1e6 / tracker.rate_hz)
     noise_mm = np.random.default_rng(path.noise_seed).normal(0.0, tracker.noise_mm or 0.0, (tracker.readings, us.size))
     true = np.column_stack([path.at(us), path.along_at(us)])
-    read = _read(tracker, true, noise_mm)
+    read, noise, again = _read(tracker, true, noise_mm).tolist(), noise_mm.T.tolist(), _one_read(tracker)
     (a, b, g), (d, e, f) = device.steps
     # Off what is meant, mm, and how fast that grows, mm/s, out of the block and along it.
     out = along = out_s = along_s = 0.0
@@ -89,8 +92,8 @@ def moved(path: Trajectory, device: Device) -> Trajectory:
     for n, at_us in enumerate(np.rint(us).astype(int).tolist()):
         if out or along:
             true[n] += out, along
-            read[n : n + 1] = _read(tracker, true[n : n + 1], noise_mm[:, n : n + 1])
-        place_mm = float(read[n, 0]), float(read[n, 1])
+            read[n] = again(true[n].tolist(), noise[n])
+        place_mm = read[n][0], read[n][1]
         at, _ = rendering.step(device.block, at, at_us, place_mm, device.observer, force_n, device.limit_n)
         force_n = bounded(at.force_n, device.limit_n)
         out, out_s = a * out + b * out_s + g * force_n[0], d * out + e * out_s + f * force_n[0]
@@ -109,3 +112,33 @@ def _read(tracker: TrackerRig, true_mm: Floats, noise_mm: Floats) -> Floats:
     if tracker.along_calibration is not None:
         along = tracker.along_mm(tracker.second_counts(true_mm[:, 1] + noise_mm[1]))
     return np.column_stack([heights, np.zeros(heights.size) if along is None else along])
+
+
+def _one_read(tracker: TrackerRig) -> Callable[[Pair, Sequence[float]], Pair]:
+    """Return what makes of one place and its noise what `_read` makes of many, at a tenth of its cost."""
+    heights = _reader(tracker.calibration)
+    if tracker.along_calibration is None:
+        return lambda true_mm, noise_mm: (heights(true_mm[0] + noise_mm[0]), 0.0)
+    along = _reader(tracker.along_calibration)
+    return lambda true_mm, noise_mm: (heights(true_mm[0] + noise_mm[0]), along(true_mm[1] + noise_mm[1]))
+
+
+def _reader(calibration: Sequence[CalibrationPoint]) -> Callable[[float], float]:
+    """Return what a sensor with this calibration reads, mm, of a place, mm."""
+    points = [(one.mm, float(one.counts)) for one in calibration]
+    to_counts, to_mm = _line(sorted(points)), _line([(counts, mm) for mm, counts in points])
+    return lambda mm: to_mm(float(round(to_counts(mm))))
+
+
+def _line(points: Sequence[Pair]) -> Callable[[float], float]:
+    """Return the straight line from point to point, level beyond them, as `numpy.interp` draws it."""
+    xs, ys = [x for x, _ in points], [y for _, y in points]
+    slopes = [(high - low) / (right - left) for (left, low), (right, high) in pairwise(points)]
+
+    def at(x: float) -> float:
+        if not xs[0] <= x < xs[-1]:
+            return ys[0] if x < xs[0] else ys[-1]
+        n = bisect_right(xs, x) - 1
+        return slopes[n] * (x - xs[n]) + ys[n]
+
+    return at

@@ -7,9 +7,11 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.servo import rendering
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE, Rendered, bounded
 from palpate.experiment.apparatus.tracker.frames import Decoder
+from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.kinds.tapping import hand, pushed
@@ -46,3 +48,22 @@ def test_the_force_of_its_own_samples_moves_it() -> None:
         _, wanted_mm, _ = dlsim(discrete, np.array(forces)[:, axis])
         assert off_mm == pytest.approx(wanted_mm[:, 0], abs=2 * pushed.LITTLE_MM)
         assert np.abs(off_mm).max() > 0.05
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_one_place_is_read_as_many_are(planar: bool) -> None:
+    """From a sensor that falls, with a bend, beyond both of its ends too."""
+    bent = tuple(CalibrationPoint(counts=counts, mm=mm) for counts, mm in ((200, 31.0), (1500, 7.3), (4000, -2.1)))
+    along = (
+        tuple(CalibrationPoint(counts=counts, mm=mm) for counts, mm in ((0, -40.0), (3000, 55.5))) if planar else None
+    )
+    table = tracker_of(rigs.load(shipped("rigs/tapping.toml"))).model_dump()
+    tracker = TrackerRig.model_validate({**table, "calibration": bent, "along_calibration": along})
+    rng = np.random.default_rng(1)
+    places, noise = rng.uniform(-60.0, 60.0, (2000, 2)), rng.normal(0.0, 0.1, (tracker.readings, 2000))
+    places[:3, 0], noise[:, :3] = (31.0, 7.3, -2.1), 0.0
+    wanted = pushed._read(tracker, places, noise)
+    read = pushed._one_read(tracker)
+    assert [read(place, each) for place, each in zip(places.tolist(), noise.T.tolist(), strict=True)] == list(
+        map(tuple, wanted.tolist())
+    )
