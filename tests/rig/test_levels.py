@@ -59,7 +59,7 @@ def dataset(file: Path, rig: str, *, participants: int) -> Path:
         participants=participants,
         seed=1,
         control="none",
-        jobs=2,
+        jobs=1,
     )
 
 

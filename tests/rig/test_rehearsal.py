@@ -51,7 +51,7 @@ def test_confusions_are_those_of_the_paper(tmp_path: Path) -> None:
 
 
 def test_silence_is_answered_at_chance_and_leaves_the_real_task_alone(tmp_path: Path, one: Path) -> None:
-    root = rehearse(tmp_path / "silent", participants=3, seed=1, control="silence", jobs=2)
+    root = rehearse(tmp_path / "silent", participants=3, seed=1, control="silence", jobs=1)
     rows = counted(root, "virtual")
     correct = sum(row["presented"] == row["answered"] for row in rows)
     low, high = stats.binom.ppf([0.0005, 0.9995], len(rows), 0.25)
