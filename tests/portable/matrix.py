@@ -50,7 +50,7 @@ COMMANDS = (
     Command("new aux.toml --yes --id harmless", REFUSED, (WINDOWS,)),
     Command("power okamoto2012 --participants 5 --studies 20 --jobs 1"),
     Command("power okamoto2012 --participants 5 --studies 20 --jobs 2 --out power", systems=(WINDOWS,)),
-    Command("plan okamoto2012 --task virtual"),
+    Command("plan okamoto2012 --task virtual", systems=(WINDOWS,)),
     Command("rehearse study.toml --participants 2 --seed 1 --jobs 2 --out rehearsed"),
     Command("rehearse taps.toml --participants 1 --seed 1 --jobs 1 --out tapped", systems=(WINDOWS,)),
     Command("schema rig --out rig.schema.json"),
