@@ -193,8 +193,9 @@ def speed(axes: Axes, curves: Mapping[str, Sequence[SpeedBin]], chances: Mapping
     for index, (task, bins) in enumerate(curves.items()):
         shares = np.array([one.right / one.trials for one in bins])
         lows, highs = (np.array([getattr(one.interval, end) for one in bins]) for end in ("low", "high"))
+        speeds_mm_s = np.array([one.mean_mm_s for one in bins])
         axes.errorbar(
-            [one.mean_mm_s for one in bins],
+            speeds_mm_s,
             shares,
             yerr=np.abs([shares - lows, highs - shares]),
             color=drawing.colour(index),

@@ -23,6 +23,7 @@ import time
 
 import jack
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.experiment.rehearsal.wires.listener import Tap
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
@@ -92,6 +93,7 @@ def rtmixer(starts: int) -> None:
 PTB = f"""
 import ctypes, json, sys, time
 import numpy as np
+from numpy.typing import NDArray
 # Its wheels carry a libjack of their own, which servers of other versions do not understand: the system's comes first.
 ctypes.CDLL("libjack.so.0", ctypes.RTLD_GLOBAL)
 from psychtoolbox import PsychPortAudio as ppa, GetSecs
@@ -153,9 +155,9 @@ def measure(engine: str, starts: int, *, loaded: bool, busy: bool, exact: bool) 
             each.wait()
         card.close()
     begins = np.flatnonzero(heard & ~np.concatenate([[False], heard[:-1]]))
-    asked = np.array(result["asked"])
+    asked: NDArray[np.float64] = np.array(result["asked"])
     # Each start asked for is the one heard nearest to it, once the engine's latency is taken off.
-    latency = np.median(begins[: min(len(begins), 20)] - asked[: min(len(begins), 20)]) if len(begins) else 0
+    latency = float(np.median(begins[:20] - asked[: min(len(begins), 20)])) if len(begins) else 0.0
     near = begins[np.argmin(np.abs(begins[None, :] - latency - asked[:, None]), axis=1)] if len(begins) else asked
     errors = near - latency - asked
     found = np.abs(errors) < SPACING / 2
