@@ -193,11 +193,11 @@ def speed(axes: Axes, curves: Mapping[str, Sequence[SpeedBin]], chances: Mapping
     for index, (task, bins) in enumerate(curves.items()):
         shares = np.array([one.right / one.trials for one in bins])
         lows, highs = (np.array([getattr(one.interval, end) for one in bins]) for end in ("low", "high"))
-        speeds_mm_s = np.array([one.mean_mm_s for one in bins])
+        off = np.abs([shares - lows, highs - shares])
         axes.errorbar(
-            speeds_mm_s,
+            [one.mean_mm_s for one in bins],
             shares,
-            yerr=np.abs([shares - lows, highs - shares]),
+            yerr=off,
             color=drawing.colour(index),
             linestyle=drawing.LINES[index % len(drawing.LINES)],
             marker=drawing.marker(index),
