@@ -2,7 +2,7 @@
 
 A model holds, for each task and presented material, the mean share of each answer and the spread of participants around
 it. Counts are Dirichlet-multinomial; the intraclass correlation follows in closed form from printed standard
-deviations. Given the shares, answers to different materials, or in two tasks, are independent.
+deviations. Given the shares, answers to different materials, or in two tasks, are independent, unless `alike` is set.
 """
 
 import math
@@ -19,7 +19,7 @@ from palpate.analysis.documents.tables import Column, Record, plural, tabulate
 from palpate.analysis.identification.companion_tests import MARGIN
 from palpate.analysis.identification.confusion import confusion
 from palpate.analysis.identification.planned import EQUIVALENCE
-from palpate.analysis.power.planned_tests import APART, Design, Model, Shown, equivalent, starred
+from palpate.analysis.power.planned_tests import ABOUT, APART, Design, Model, Shown, equivalent, starred
 from palpate.analysis.power.planned_tests import Answers as Every
 from palpate.analysis.power.planned_tests import answer as answered
 from palpate.analysis.published.numbers import Published
@@ -59,10 +59,14 @@ TOGETHER = 0.25
 
 @dataclass(frozen=True)
 class ChoiceModel(Model):
-    """Answers that name a material, in every task; `null` is that of a control."""
+    """Answers that name a material, in every task; `null` is that of a control.
+
+    `alike` is the share of the normal behind a participant's spread that is common to all tasks and materials.
+    """
 
     tasks: tuple[Answers, ...]
     null: bool = False
+    alike: float = 0.0
 
     has_stars = True
     undefined = "no variance"
@@ -77,6 +81,11 @@ class ChoiceModel(Model):
             chance = next(planned, 1 / count)
             tasks.append(_evenly(own, chance))
         return ChoiceModel("guessing on average, with the same spread across participants", tuple(tasks), null=True)
+
+    def together(self, alike: float) -> "ChoiceModel":
+        if not 0 <= alike <= 1:
+            raise PowerError("--alike", f"got {alike}", "give one", allowed="a number from 0 to 1")
+        return replace(self, alike=alike)
 
     def answers(self, planned: Design, participants: int, studies: int, random: np.random.Generator) -> Every:
         """Return the answers to each question, and how many studies have a mean above chance in its family.
@@ -95,17 +104,19 @@ class ChoiceModel(Model):
     ) -> dict[str, Integers]:
         """Return the counts of each task; those of a control are of participants who differ by task and by material."""
         each = list(zip(planned.tasks, self.tasks, planned.sizes(participants), strict=True))
-        if not self.null:
+        if not self.null and not self.alike:
             return {
                 task.id: draw(answers, trials=task.repetitions, participants=size, studies=studies, random=random)
                 for task, answers, size in each
             }
         shape = studies, max(size for *_, size in each)
-        level, found = random.standard_normal(shape), {}
-        by_material = random.standard_normal((len(planned.materials), *shape))
+        by_level, by_other = (TOGETHER, TOGETHER) if self.null else (self.alike, 0.0)
+        level, found = math.sqrt(by_level) * random.standard_normal(shape), {}
+        by_material = math.sqrt(by_other) * random.standard_normal((len(planned.materials), *shape))
+        own = math.sqrt(1 - by_level - 2 * by_other)
         for task, answers, size in each:
-            common = math.sqrt(TOGETHER) * (level + random.standard_normal(shape) + by_material)[:, :, :size]
-            found[task.id] = draw_together(answers, common, task.repetitions, random)
+            common = level + math.sqrt(by_other) * random.standard_normal(shape) + by_material
+            found[task.id] = draw_together(answers, common[:, :, :size], own, task.repetitions, random)
         return found
 
     def _differing(self, planned: Design, test: PlannedTest) -> "ChoiceModel":
@@ -123,6 +134,7 @@ class ChoiceModel(Model):
 
     def shown(self, planned: Design, said: tuple[str, ...]) -> Shown:
         """Return the mean share of each answer, with the spread."""
+        common = ABOUT["together"].substitute(alike=f"{self.alike:g}") if self.alike else ABOUT["apart"].substitute()
         answers = (*planned.materials, "none")
         records: list[Record] = []
         for task in self.tasks:
@@ -135,7 +147,7 @@ class ChoiceModel(Model):
             "material."
         )
         columns = Column("task", left=True), Column("presented", left=True), *map(Column, (*answers, "spread"))
-        return said, (tabulate("Choice model", columns, records, [note]),)
+        return (*said[:2], common, *said[2:]), (tabulate("Choice model", columns, records, [note]),)
 
 
 def _evenly(own: Answers, right: float) -> Answers:
@@ -284,7 +296,8 @@ def observer(right: float, spread: float, protocol: Protocol) -> ChoiceModel:
         shown = [[1.0 * (name in protocol.materials_of(task))] * (len(ids) + 1) for name in ids]
         tasks.append(_evenly(Answers(task.id, np.array(shown), np.full(len(ids), spread)), right))
     said = f"participants whose proportion correct is {right:g}, with an intraclass correlation of {spread:g}"
-    return ChoiceModel(said, tuple(tasks))
+    seeks = any("between" in test.test or "ANOVA" in test.test for test in protocol.analysis)
+    return ChoiceModel(said, tuple(tasks), (ABOUT["no difference"].substitute(),) if seeks else ())
 
 
 def _answers(task: str, rows: Mapping[str, tuple[Floats, float]], ids: Sequence[str]) -> Answers:
@@ -380,16 +393,15 @@ SCORES = np.linspace(-6.0, 6.0, 2001)
 """Normal scores between which the shares of participants are interpolated."""
 
 
-def draw_together(answers: Answers, common: Floats, trials: int, random: np.random.Generator) -> Integers:
+def draw_together(answers: Answers, common: Floats, own: float, trials: int, random: np.random.Generator) -> Integers:
     """Return counts as `draw`, from the part of a normal score that tasks and materials have in `common`.
 
-    `common` has shape (M, studies, participants) and a variance of at most 1; the rest of each score is its own.
+    `common` has shape (M, studies, participants); `own` is the SD of the rest of each score, whose variance is 1.
     """
     from scipy.special import betaincinv, ndtr
 
     materials, *shape = common.shape
     counts = np.zeros((materials, materials + 1, *shape), dtype=np.int64)
-    own = math.sqrt(1 - 3 * TOGETHER)
     for place in np.flatnonzero(answers.shares.any(axis=1)).tolist():
         shares, spread = answers.shares[place].tolist(), float(answers.spread[place])
         right, scores = shares[place], common[place] + own * random.standard_normal(shape)

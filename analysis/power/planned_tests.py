@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations
@@ -25,6 +25,7 @@ from palpate.analysis.statistics.icc import NAMES, icc_tests
 from palpate.analysis.statistics.inference import holm, t_tests
 from palpate.analysis.statistics.participants import equivalence_tests, order_tests, repeated_tests
 from palpate.analysis.statistics.sign_flips import sign_flip_tests
+from palpate.experiment.errors import PowerError
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 
 APART = 0.1
@@ -137,6 +138,10 @@ class Model(ABC):
     def control(self, protocol: Protocol) -> "Model":
         """Return the model in which every null hypothesis holds, while participants differ as much."""
 
+    def together(self, alike: float) -> "Model":
+        """Return participants who have so much of their spread in common to all tasks. Raises `PowerError`."""
+        raise PowerError("--alike", f"got {alike}", "leave it out", allowed="a study in which materials are named")
+
     @abstractmethod
     def answers(self, planned: Design, participants: int, studies: int, random: np.random.Generator) -> Answers:
         """Draw studies, and return what they answer."""
@@ -156,14 +161,18 @@ def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: floa
     return Design(materials, protocol.tasks, protocol.study.participants, tests, known)
 
 
-def otherwise(planned: Design) -> tuple[str, ...]:
-    """Return one sentence for each planned test that is not simulated, or not as the others are."""
+def otherwise(planned: Design, simulated: Collection[int]) -> tuple[str, ...]:
+    """Return one sentence for each planned test that is not simulated, or not as the others are.
+
+    `simulated` are the places of planned tests of which something was asked.
+    """
     unlike: Mapping[str, Callable[[PlannedTest], bool]] = {
         "another scale": lambda test: test.test in ("Thurstone", "Davidson"),
         ORDER: lambda test: test.test == ORDER,
         GROUPS: lambda test: test.test == GROUPS,
         LOGIT: lambda test: test.test == LOGIT,
         "another form": lambda test: test.test == "ICC" and _form(test) is None,
+        "not simulated": lambda test: test.test != "ICC" and planned.tests.index(test) not in simulated,
     }
     facts = {"first": f"{APART:g}", "fitted": FITTED}
     return tuple(

@@ -85,8 +85,8 @@ def thresholds(people: int, evidence: float) -> tuple[float, float]:
     return where(math.log(evidence)), where(-math.log(evidence))
 
 
-ALPHA = 0.05
-"""The level where no test against chance is planned."""
+ALPHA, ALIKE = 0.05, 0.5
+"""The level where no test against chance is planned, and the share of spread in common where none is given: ours."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def run(
     study: str,
     rule: str,
     looks: Sequence[int],
-    alike: float,
+    alike: float | None,
     studies: int,
     seed: int,
     total: Callable[[int], None] = lambda _: None,
@@ -136,8 +136,9 @@ def run(
 ) -> Sequential:
     """Return what a design with these looks finds, in `studies` SIMULATED studies under the model and the control.
 
-    `total` gets the number of steps, `tick` follows each. Raises `PowerError`: looks that are not two or more, rising,
-    from 3 on, another rule, a number out of bounds, or a model of pairs.
+    `alike` is as in `draw`, by default `ALIKE`. `total` gets the number of steps, `tick` follows each. Raises
+    `PowerError`: looks that are not two or more, rising, from 3 on, another rule, a number out of bounds, or a model of
+    pairs.
     """
     if not isinstance(model, ChoiceModel):
         got, allowed = f"got comparisons of study {study}", "trials in which a material is named"
@@ -145,6 +146,7 @@ def run(
     if rule not in get_args(Rule):
         raise PowerError("--rule", f"got {rule}", "give one", allowed=", ".join(get_args(Rule)))
     chosen = cast("Rule", rule)
+    alike = ALIKE if alike is None else alike
     if not 0 <= alike <= 1:
         raise PowerError("--alike", f"got {alike}", "give one", allowed="a number from 0 to 1")
     simulate.check_studies(studies)

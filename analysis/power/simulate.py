@@ -250,16 +250,25 @@ def find(name: str, protocol: Protocol) -> Model:
     elif numbers := re.fullmatch(r"(\d*\.?\d+),(\d*\.?\d+)", name):
         found = models.observer(float(numbers[1]), float(numbers[2]), protocol)
     else:
-        raise PowerError(
-            f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study "
-            f"whose printed {models.PRINTED} palpate contains, the folder of a dataset, a TOML file, or two numbers, "
-            f"{models.NUMBERS}; give one of these"
+        allowed = (
+            f"the id of a study whose printed {models.PRINTED} palpate contains, the folder of a dataset, a TOML file, "
+            f"or two numbers, {models.NUMBERS}"
         )
+        if own:
+            what, remedy = "palpate has no printed numbers for it", "state with --model how participants answer"
+            raise PowerError(f"study {protocol.study.id}", what, remedy, allowed=allowed)
+        what = f"got no model of that name for study {protocol.study.id}"
+        raise PowerError(f"--model {name}", what, "give one of these", allowed=allowed)
     return found
 
 
-def prepare(protocol: Protocol, model: str, alpha: float | None = None) -> tuple[Design, Model]:
-    """Return what is planned, at `alpha` in place of each test's own, and the model named. Raises `PowerError`."""
+def prepare(
+    protocol: Protocol, model: str, alpha: float | None = None, alike: float | None = None
+) -> tuple[Design, Model]:
+    """Return what is planned, at `alpha` in place of each test's own, and the model named. Raises `PowerError`.
+
+    `alike` is the share of the variance between participants that is common to all tasks and materials.
+    """
     if alpha is not None and not 0 < alpha < 1:
         raise PowerError("--alpha", f"got {alpha}", "give one", allowed="a number between 0 and 1")
     for place, test in enumerate(protocol.analysis):
@@ -268,7 +277,7 @@ def prepare(protocol: Protocol, model: str, alpha: float | None = None) -> tuple
             got, remedy = f"a fact with {len(values)} values", "plan a fact with two values, or simulate it yourself"
             raise PowerError(f"analysis[{place}].groups", got, remedy, allowed="two values, for groups of equal size")
     protocol = _without_controls(protocol)
-    chosen = find(model, protocol)
+    chosen = find(model, protocol) if alike is None else find(model, protocol).together(alike)
     printed = published.load(model) or published.load(protocol.study.id)
     return design(protocol, printed.pairs() if printed else {}, alpha), chosen
 
@@ -320,7 +329,7 @@ def run(
         for (kind, size), questions in rows.items()
         for question, tallies in questions.items()
     )
-    notes = (*model.notes, *otherwise(planned))
+    notes = (*model.notes, *otherwise(planned, {question.plan for rows in rows.values() for question in rows}))
     return Power(protocol.study.id, planned, model, sizes, studies, seed, target, found, notes)
 
 

@@ -65,6 +65,7 @@ def facts(task: Task) -> list[tuple[str, str]]:
             f"{number(levels.grid[-1])}. Vibrations on this page are given at level 1",
         ),
         ("Chosen", _constant(levels, tracks) if levels.method == "constant" else _chosen(levels, tracks)),
+        ("Repeats", "only before the question: a trial with an answer is never repeated"),
     ]
 
 
@@ -75,7 +76,7 @@ def _chosen(levels: Levels, tracks: str) -> str:
 def _constant(levels: Levels, tracks: str) -> str:
     return (
         f"before the first trial, regardless of the answers. For {tracks}, every {len(levels.grid)} trials present "
-        f"each of the {len(levels.grid)} levels once, in random order. A trial with an answer is not repeated"
+        f"each of the {len(levels.grid)} levels once, in random order"
     )
 
 
@@ -91,18 +92,17 @@ def _rule(levels: Levels, tracks: str) -> str:
             f"transformed up-down, with a separate track for {tracks}. Each track starts at level "
             f"{number(levels.first or 0.0)}. {count(levels.down or 0, 'right answer')} in a row lower the level by "
             f"{by}, a wrong answer raises it{rises}, {stays}.{changes} The track ends after "
-            f"{count(levels.reversals or 0, 'reversal')}. A trial with an answer is not repeated"
+            f"{count(levels.reversals or 0, 'reversal')}"
         )
     of = {"quest-plus": "threshold, spread and lapse rate (QUEST+)", "psi": "threshold and spread (psi)"}[levels.method]
     known = ""
     if levels.precision_db is not None:
-        known = f" A track ends when the threshold is known to within {number(levels.precision_db)} dB."
+        known = f". A track ends when the threshold is known to within {number(levels.precision_db)} dB"
     return (
         f"separately for {tracks}: the next level is the one whose answer is expected to leave the least uncertainty "
         f"about {of}. Initially, thresholds of {_numbers(levels.thresholds)}, spreads of "
         f"{_numbers(levels.spreads_db)} dB and lapse rates of {_numbers(levels.lapses)} are each equally probable; "
-        f"the guess rate is {number(levels.guess or 0.0)}. Each answer updates the level, {stays}.{known} A trial "
-        "with an answer is not repeated"
+        f"the guess rate is {number(levels.guess or 0.0)}. Each answer updates the level, {stays}{known}"
     )
 
 

@@ -16,6 +16,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date, time
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar, cast, get_args
@@ -234,6 +235,8 @@ def checked(path: Path, model: type[Model], document: Mapping[str, Any], text: s
     try:
         return model.model_validate(model.renewed(frozen))
     except ValidationError:
+        if other := import_module("palpate.experiment.settings.other_files").error(path, model, document):
+            raise other from None
         # A file without mistakes needs no lines.
         raise ProtocolError.in_file(path, find(model, frozen, locate(text))) from None
 

@@ -126,14 +126,14 @@ def _answer(test: str, task: TaskDetections) -> str:
             return f"{task.task.id}: no level has enough trials for d' ({ENOUGH})."
         return f"{task.task.id}: d' ranges from {min(known):.2f} to {max(known):.2f} across participants and levels."
     words = "; ".join(map(_threshold_words, task.thresholds))
-    return f"{task.task.id}: {words or 'no answer to a signal'}."
+    return f"{task.task.id}, mean thresholds: {words}." if words else f"{task.task.id}: no answer to a signal."
 
 
 def _open(found: Detections, tasks: Sequence[str]) -> tuple[str, ...]:
     """Return a warning if the answers leave thresholds open, or nothing."""
     tracks = [one for task in found.tasks if task.task.id in tasks for one in task.tracks]
     names = [_name(one) for one in tracks if one.fit and one.fit.at_bound and not one.beyond]
-    told = f"the answers of {', '.join(names)} bound the fitted threshold on one side only."
+    told = f"the fitted threshold of {', '.join(names)} has a limit on one side only."
     beyond = [f"{_name(one)} {one.beyond}" for one in tracks if one.beyond]
     missed = f"the threshold is outside the range of levels and excluded from all means: {', '.join(beyond)}."
     return (*((told,) if names else ()), *((missed,) if beyond else ()))
@@ -145,18 +145,18 @@ def _name(of: Track) -> str:
 
 def _threshold_words(of: Threshold) -> str:
     beyond = Counter(where for _, where in of.beyond)
-    missed = "".join(f", and {where} in {plural(count, 'other')}" for where, count in beyond.items())
+    missed = "".join(f", {where} in {plural(count, 'other')}" for where, count in beyond.items())
     first, other, by = of.fitted, of.by_rule, "by the rule of the levels"
     if of.is_posterior:
         first, other, by = of.by_rule, of.fitted, "by the fit"
     if first is None:
         every = " and ".join(f"{where} in {plural(count, 'participant')}" for where, count in beyond.items())
-        return f"the threshold of {of.signal} is {every}" if beyond else f"no threshold of {of.signal}"
-    limits = "" if first.low is None or first.high is None else f" ({span(first.low, first.high, 2)})"
-    level = f"{number(first.value, 2)} dB{limits}"
-    peak = "" if of.peak_m_s2 is None else f", {of.peak_m_s2 * 10 ** (first.value / 20):.3g} m/s² at its peak,"
-    beside = "" if other is None else f", and {number(other.value, 2)} dB {by}"
-    return f"the mean threshold of {of.signal} is {level}{peak} in {plural(first.n, 'participant')}{beside}{missed}"
+        return f"{of.signal} {every}" if beyond else f"{of.signal} none"
+    limits = "" if first.low is None or first.high is None else f" ({span(first.low, first.high, 1)})"
+    peak = "" if of.peak_m_s2 is None else f", {of.peak_m_s2 * 10 ** (first.value / 20):.3g} m/s² at its peak"
+    beside = "" if other is None else f"; {number(other.value, 1)} dB {by}"
+    people = plural(first.n, "participant")
+    return f"{of.signal} {number(first.value, 1)} dB{limits}{peak} ({people}{missed}{beside})"
 
 
 def _overview(study: Study, found: Detections) -> Section:

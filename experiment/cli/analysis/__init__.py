@@ -197,11 +197,13 @@ def power(
         ),
     ] = None,
     alike: Annotated[
-        float,
+        float | None,
         typer.Option(
-            "--alike", help="With --looks: share of the between-participant variance common to all tasks and materials."
+            "--alike",
+            help="Share of the between-participant variance common to all tasks and materials [default: 0; with "
+            "--looks 0.5].",
         ),
-    ] = 0.5,
+    ] = None,
     scheduler: Annotated[
         str | None,
         typer.Option("--scheduler", metavar="ADDRESS", help="Simulate on the cluster of this Dask scheduler."),
@@ -233,7 +235,7 @@ def power(
     if any(task.levels for task in protocol.tasks) and (own := planned_design(protocol).thresholds):
         from palpate.experiment.study.levels import methods
 
-        _refuse_unused({"--looks": looks, "--rule": rule, "--alpha": alpha, "--scheduler": scheduler})
+        _refuse_unused({"--looks": looks, "--rule": rule, "--alpha": alpha, "--alike": alike, "--scheduler": scheduler})
         thresholds = import_module(own)
         sessions = thresholds.SESSIONS if studies is None else studies
         run = partial(thresholds.run, protocol, methods(protocol), sessions=sessions, seed=seed, jobs=jobs)
@@ -246,7 +248,7 @@ def power(
     from palpate.analysis.power import simulate
 
     with options.working("Preparing the simulated participants", quiet=as_json):
-        planned, chosen = simulate.prepare(protocol, model, alpha)
+        planned, chosen = simulate.prepare(protocol, model, alpha, alike if looks is None else None)
     from palpate.analysis.power import report, sequential
 
     drawn = {"studies": 10_000 if studies is None else studies, "seed": seed}

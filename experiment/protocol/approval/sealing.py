@@ -25,13 +25,13 @@ from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import written
 
 UNFILLED = "TO BE FILLED IN"
-"""Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
+"""Stands in a text that a new protocol has until its laboratory writes its own; see `new`."""
 
 
 def unfilled(protocol: Protocol) -> tuple[str, ...]:
-    """Return the fields that still begin with `UNFILLED`, as users read their paths."""
+    """Return the fields that still say `UNFILLED`, as users read their paths."""
     texts = leaves(protocol.model_dump(mode="json"))
-    return tuple(written(path) for path, value in texts if isinstance(value, str) and value.startswith(UNFILLED))
+    return tuple(written(path) for path, value in texts if isinstance(value, str) and UNFILLED in value)
 
 
 def unfilled_findings(protocol_path: Path, protocol: Protocol) -> list[Finding]:

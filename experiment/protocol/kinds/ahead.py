@@ -60,8 +60,7 @@ def facts(ahead: Ahead) -> Iterator[tuple[str, str]]:
     """Yield what the board reads of a vibration before contact."""
     yield (
         "Worn",
-        "the vibrating part is worn on the foot, like the sole of a shoe, so the vibration can be felt before "
-        "contact; wherever this page mentions the panel, it means this part",
+        "the vibrating part is worn on the foot, like the sole of a shoe, so the vibration can be felt before contact",
     )
     yield (
         "Begins",
@@ -74,4 +73,4 @@ def facts(ahead: Ahead) -> Iterator[tuple[str, str]]:
             f"{number(ahead.error_max_ms)} ms: a step with a larger timing error is repeated at the end of its block, "
             "and no session runs on a rig with a larger expected standard error",
         )
-    yield "Broken off", f"If the foot stops, turns back or hesitates above the panel, {_BROKEN_OFF[ahead.broken_off]}."
+    yield "Broken off", f"If the foot stops, turns back or hesitates on the way down, {_BROKEN_OFF[ahead.broken_off]}."

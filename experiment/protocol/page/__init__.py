@@ -222,7 +222,8 @@ def _recorded(protocol: Protocol) -> Iterator[Block]:
         )
     yield Said(
         "The data of a participant who withdraws are not analyzed. The laboratory either retains them or has palpate "
-        "delete them. No field of a protocol states which; this depends on what participants were told."
+        "delete them. No field of a protocol states which, who may see the data, or where they are stored: the consent "
+        "statement must tell participants."
     )
 
 
@@ -274,13 +275,14 @@ def _sharing(protocol: Protocol) -> Iterator[Block]:
 
 def _procedure(protocol: Protocol) -> Iterator[Block]:
     tasks = protocol.tasks
-    pause_s = protocol.task_order.break_min_s
+    pause_s, several = protocol.task_order.break_min_s, len(tasks) > 1
     shortest_s, longest_s = (
         sum(limits) + pause_s * (len(tasks) - 1)
         for limits in zip(*((task.familiarisation.min_s, task.familiarisation.max_s) for task in tasks), strict=True)
     )
     if protocol.task_order.kind == "fixed":
-        yield Said("Participants who do several tasks do them in the order given below (fixed order).")
+        order = "Participants who do several tasks do them in the order given below (fixed order)."
+        yield Said(order if several else "The study has one task.")
     else:
         yield Said(
             "Participants who do several tasks do them in counterbalanced order: permuted blocks give every order to "
@@ -290,11 +292,12 @@ def _procedure(protocol: Protocol) -> Iterator[Block]:
         yield from import_module("palpate.experiment.protocol.designs.groups").blocks(protocol)
     if len({task.participants for task in tasks}) > 1:
         yield Said("If a task has fewer participants than the study, the first participants to enroll do it.")
-    yield Said(f"The break between two tasks lasts at least {number(pause_s)} s ({_minutes(pause_s)}).")
+    if several or pause_s:
+        yield Said(f"The break between two tasks lasts at least {number(pause_s)} s ({_minutes(pause_s)}).")
     trials = sum(map(protocol.trials, tasks))
     yield Said(
-        f"A participant who does every task has {_most(*tasks)}{trials} trials; familiarization and breaks take "
-        f"{_minutes(shortest_s)} to {_minutes(longest_s)}."
+        f"A participant {'who does every task ' if several else ''}has {_most(*tasks)}{trials} trials; "
+        f"familiarization {'and breaks take' if several else 'takes'} {_minutes(shortest_s)} to {_minutes(longest_s)}."
     )
     felt = sum(map(protocol.felt_trials, tasks))
     if felt > trials:
@@ -305,8 +308,8 @@ def _procedure(protocol: Protocol) -> Iterator[Block]:
     shortest_min, longest_min = protocol.duration.shortest_min, protocol.duration.longest_min
     each_s = max(longest_min * 60 - shortest_s, 0) / felt
     yield Said(
-        f"A whole visit, including all tasks and breaks, is estimated to take {number(shortest_min)} to "
-        f"{number(longest_min)} min. This leaves up to {each_s:.0f} s per trial."
+        f"A whole visit{', including all tasks and breaks,' if several else ''} is estimated to take "
+        f"{number(shortest_min)} to {number(longest_min)} min. This leaves up to {each_s:.0f} s per trial."
     )
 
 
@@ -350,11 +353,15 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
                 if task.materials
                 else ()
             ),
-            ("Familiarization", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
+            (
+                "Familiarization",
+                f"{number(wanted.min_s)} to {number(wanted.max_s)} s before the trials; "
+                f"{kind_words(task).familiar(task)}; participants are told:",
+            ),
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
             *(("Picture", f"{one.file}, SHA-256 {one.sha256}") for one in task.pictures or ()),
-            *((("Asked", Free(protocol.question(task))),) if protocol.question(task) else ()),
+            *((("Question", Free(protocol.question(task))),) if protocol.question(task) else ()),
             ("Order", _order(task, _noun(protocol))),
             *(_levels().facts(task) if task.levels else ()),
             *((import_module("palpate.experiment.protocol.kinds.phases").fact(task),) if task.phase else ()),
@@ -427,26 +434,33 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
     yield Quoted(masker.criterion)
     if (probe := masker.probe) is not None:
         yield Said(
-            "In tasks with virtual stimuli, a key can make the panel vibrate while the noise level is set, as "
+            "In tasks with virtual stimuli, a key can play a vibration while the noise level is set, as "
             f"{named(probe.material)} does under a foot moving at {number(probe.speed_mm_s)} mm/s. Each of these "
             "vibrations is recorded and counts as a stimulus."
         )
 
 
 def _limits(protocol: Protocol) -> Iterator[Block]:
-    exposure = protocol.exposure
-    force = () if exposure.force_peak_n is None else (("Force", f"at most {number(exposure.force_peak_n)} N"),)
+    exposure, kind = protocol.exposure, kind_words(protocol.tasks[0])
+    force = (
+        ()
+        if exposure.force_peak_n is None
+        else (("Force", f"at most {number(exposure.force_peak_n)} N{kind.force(protocol)}"),)
+    )
+    tasks, touched = len(protocol.tasks), kind.touched(protocol)
+    visit_min = number(round(tasks * exposure.session_min + (tasks - 1) * protocol.task_order.break_min_s / 60, 1))
+    visit = f"; {visit_min} min for all tasks, with the shortest breaks" if tasks > 1 else ""
     yield facts(
         (
             "Vibration",
             f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, including between samples, computed from the "
-            "measured response of the panel and its uncertainty; no session runs on a panel whose response has since "
+            f"measured response of the {touched} and its uncertainty; no session runs if this response has since "
             "changed by 3 dB or more",
         ),
         *force,
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),
         ("Dose of noise", "at most the equivalent of 80 dB(A) for 8 hours in any 24 hours, if the rig plays the noise"),
-        ("Session", f"at most {number(exposure.session_min)} min for one task"),
+        ("Session", f"at most {number(exposure.session_min)} min for one task{visit}"),
     )
     if protocol.renders:
         yield Said(STOPS, indent="  ")
@@ -481,8 +495,8 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
     shown += ", and the number of trials done" if answers.progress else ""
     yield Said(
         f"If the rig has a screen for the participant, it shows this protocol's instructions{shown}. palpate adds "
-        "short sentences, such as when to step. The rig file can change these sentences, which are not part of this "
-        "protocol or its approval. `palpate check` with --rig shows them, and each session stores its rig file."
+        "short sentences, such as when a trial begins. The rig file can change these sentences, which are not part of "
+        "this protocol or its approval. `palpate check` with --rig shows them, and each session stores its rig file."
     )
     if answers.microphone:
         yield Said(
@@ -497,9 +511,16 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
     yield Said(
         "If a stimulus may have been felt but the trial has no confirmed answer, the trial is repeated at the end of "
         "its block. The reason may be the repeat key, a pause, a rule below, or a fault in the rig. In a "
-        f"blocked-random task, a block presents each {_noun(protocol)} once; any other task is a single block. The "
-        "experimenter can correct an answer until the session ends; the record then shows both answers and the "
-        "reason."
+        f"blocked-random task, a block presents each {_noun(protocol)} once; any other task is a single block. "
+        "Repeats have no limit of their own: a session pauses after 10 attempts at one trial, and its time limit ends "
+        "it."
+    )
+    leveled = [task.levels is not None for task in protocol.tasks]
+    again = " in tasks without levels" if any(leveled) else ""
+    again = "" if all(leveled) else f", or{again} repeat a trial that has an answer,"
+    yield Said(
+        f"The experimenter can correct an answer{again} until the session ends; the record then shows both answers and "
+        "the reason."
     )
 
 

@@ -13,18 +13,24 @@ class KindWords:
     """What the page says of a kind of trial.
 
     Attributes:
+        touched: what vibrates, in one or two words.
+        familiar: what is felt in the familiarization of a task.
         sources: what the stimuli of a task are, by its `stimulus`.
         recorded: what is recorded of a trial, before what is of any.
         stimuli: how stimuli are made, and what starts them.
         felt: how long a task with virtual stimuli is felt.
         odd: legal but odd settings, each as its field, what it is, and what it would be as a rule.
+        force: how far the force may be from its limit and from what it should be.
     """
 
+    touched: Callable[[Protocol], str]
+    familiar: Callable[[Task], str]
     sources: Mapping[str, str]
     recorded: Callable[[Protocol], str]
     stimuli: Callable[[Protocol], Iterator[Block]]
     felt: Callable[[Protocol, Task], str]
     odd: Callable[[Protocol], Iterator[tuple[str, str, str]]] = lambda _: iter(())
+    force: Callable[[Protocol], str] = lambda _: ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -237,3 +237,33 @@ def test_a_control_differs_as_much_and_by_task_and_material() -> None:
     assert another == pytest.approx(0.25 * 0.3 / 0.37, abs=0.04)
     assert within == pytest.approx(0.5 * 0.3 / 0.37, abs=0.04)
     assert (drawn["virtual"].sum(axis=1) == 10).all()
+
+
+@pytest.mark.parametrize(("alike", "correlation"), [(0.0, 0.0), (1.0, 1.0), (0.5, None)])
+def test_a_common_level_correlates_a_participants_tasks_and_leaves_each_as_it_was(
+    protocol: Protocol, alike: float, correlation: float | None
+) -> None:
+    """Proportions of m trials have a variance of p (1 - p) (rho + (1 - rho) / m), of which the first part is shared."""
+    right, spread, trials = 0.6, 0.2, 10
+    planned, model = simulate.prepare(protocol, f"{right},{spread}", alike=alike)
+    assert isinstance(model, ChoiceModel)
+    drawn = model.drawn(planned, 15, 8000, np.random.default_rng(5))
+    done = min(planned.sizes(15))
+    one, other = (drawn[task.id][0, 0, :, :done].ravel() / trials for task in planned.tasks)
+    level, whole = right * (1 - right) * spread, right * (1 - right) * (spread + (1 - spread) / trials)
+    for each in (one, other):
+        assert each.mean() == pytest.approx(right, abs=0.004)
+        assert each.var() == pytest.approx(whole, rel=0.02)
+    found = float(np.cov(one, other)[0, 1]) / level
+    if correlation is None:
+        # The normal scores are correlated by half; the shares of a beta by a little less.
+        assert 0.45 < found < 0.5
+    else:
+        assert found == pytest.approx(correlation, abs=0.02)
+
+
+def test_two_numbers_say_that_no_test_of_a_difference_can_find_one(protocol: Protocol) -> None:
+    assert simulate.find("0.6,0.2", protocol).notes
+    alone = protocol.model_copy(update={"analysis": protocol.analysis[:1]})
+    assert alone.analysis[0].test == "t against chance"
+    assert not simulate.find("0.6,0.2", alone).notes

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -193,7 +194,7 @@ def test_a_form_nobody_knows_is_stated(approved: SnapshotAssertion) -> None:
     protocol = files.load(shipped("okamoto2012.toml"))
     plan = ICC_FORM.model_copy(update={"form": "the usual one"})
     design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
-    (sentence,) = planned_tests.otherwise(design)
+    (sentence,) = planned_tests.otherwise(design, range(len(design.tests)))
     assert sentence == approved
     drawn = {task.id: np.ones((4, 5, 1, 3), dtype=np.int64) for task in design.tasks}
     assert planned_tests.answer(design, drawn) == {}
@@ -264,7 +265,7 @@ def test_planned_tests_over_participants_are_those_of_analyse(protocol: Protocol
     assert np.concatenate(plain) == pytest.approx([line.p for line in found], abs=1e-9)
     holm = [answer.p for question, answer in answers.items() if question.adjusted and answer.p is not None]
     assert np.concatenate(holm) == pytest.approx([line.p_holm for line in found if line.p_holm is not None], abs=1e-9)
-    assert len(planned_tests.otherwise(design)) == 2
+    assert len(planned_tests.otherwise(design, range(len(design.tests)))) == 2
 
 
 def test_groups_of_three_are_not_simulated_as_two(protocol: Protocol) -> None:
@@ -296,3 +297,13 @@ def test_what_the_control_has_of_equivalence_and_order(protocol: Protocol) -> No
     assert found[0]["order of tasks"] > 0.5
     assert found[0]["difference of groups"] > 3 * found[1]["difference of groups"]
     assert max(found[1].values()) < 0.08
+
+
+def test_a_planned_test_of_which_nothing_is_simulated_is_named() -> None:
+    protocol = files.load(shipped("harder.toml"))
+    planned, model = simulate.prepare(protocol, "0.7,0.5")
+    runner = partial(simulate.on_cores, jobs=1)
+    found = simulate.run(protocol, planned, model, participants=(4,), studies=2, seed=1, target=0.8, runner=runner)
+    assert {question.test for question in found.questions} == {"Bradley-Terry"}
+    (note,) = found.notes
+    assert "factors" in note

@@ -94,6 +94,7 @@ def test_a_step_that_the_model_itself_has_the_other_way_is_told(palpate: Palpate
         (("--looks", "many"), "--looks: got 'many'; allowed"),
         (("--looks", "5,8", "--rule", "guess"), "--rule: got guess; allowed: obrien-fleming, pocock, bayes"),
         (("--looks", "5,8", "--alike", "2"), "--alike: got 2.0; allowed: a number from 0 to 1"),
+        (("--alike", "-1"), "--alike: got -1.0; allowed"),
     ],
 )
 def test_power_refuses_in_a_line(palpate: Palpate, arguments: tuple[str, ...], message: str) -> None:

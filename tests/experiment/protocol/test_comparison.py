@@ -118,7 +118,7 @@ def test_virtual_surfaces_are_within_the_rules_and_the_board_reads_how_they_are_
     text = " ".join(page(ProtocolFile.model_validate(rendering()), "study.toml").split())
     assert "800 N/m and a damper of 5 N s/m" in text
     assert "2000 times a second" in text
-    assert "never exceeds 2 N" in text
+    assert "at most 2 N" in text
     assert '"tin": 900 Hz, 20 m/s^2.' in text
     assert "the experimenter presses [s]" in text
     assert "two real samples" not in text

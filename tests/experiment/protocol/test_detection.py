@@ -143,7 +143,7 @@ def test_constant_levels_come_equally_often_or_are_refused() -> None:
     fields = {one.field for one in find(ProtocolFile, detecting(1, CONSTANT, repetitions=3), {})}
     assert fields == {"tasks[0].repetitions"}
     known = protocol(1, CONSTANT, repetitions=2)
-    assert dict(facts(known.tasks[0])).keys() == {"Levels", "Chosen"}
+    assert dict(facts(known.tasks[0])).keys() == {"Levels", "Chosen", "Repeats"}
     broken = detecting(1, CONSTANT | {"first": 0.125})
     assert {one.field for one in find(ProtocolFile, broken, {})} == {"tasks[0].levels.first"}
 

@@ -20,12 +20,14 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.protocol import designs, kinds
 from palpate.experiment.protocol.approval import Seal, sha256
+from palpate.experiment.protocol.approval.sealing import unfilled
 from palpate.experiment.protocol.files import ProtocolFile, load, shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Picture, Protocol
 from palpate.experiment.protocol.page import approved as approval_lines
 from palpate.experiment.protocol.page import page as page_of
 from palpate.experiment.session.kinds.tapping.virtual import vibrations
+from palpate.experiment.session.runner import MOST_ATTEMPTS
 from palpate.experiment.settings.characters import JOINERS, deceptive, hidden, leftward
 from tests.experiment.protocol import leveled, tapping
 from tests.experiment.protocol.asking import asked
@@ -311,10 +313,41 @@ def test_sums_for_the_board() -> None:
     assert "virtual 15 4 x 10 = 40 600" in shown
     assert "real 10 4 x 10 = 40 400" in shown
     assert "take 60 to 80 min" in shown
-    assert "vibrates for 20 s" in shown
+    assert "lasts 20 s" in shown
     # 80 min less two familiarisations of 3 min and a break of 5 min, over 80 trials.
     assert "up to 52 s per" in shown
     assert "11 min to 15 min" in shown
+
+
+FURTHER = ("ahead", "crossover", "harder", "late", "profile", "sole", "timing", "weight")
+
+
+@pytest.mark.parametrize("name", FURTHER)
+def test_a_shipped_study_leaves_to_its_laboratory_who_sees_the_data(name: str) -> None:
+    study = load(shipped(f"{name}.toml"))
+    assert set(unfilled(study)) == {"consent.statement", "ethics.board", "ethics.statement"}
+    assert all(study.question(task) for task in study.tasks)
+    assert study.duration is not None
+    most_min = study.exposure.session_min * len(study.tasks)
+    most_min += study.task_order.break_min_s / 60 * (len(study.tasks) - 1)
+    assert study.duration.shortest_min < most_min < 1.15 * study.duration.longest_min
+
+
+def test_a_page_names_what_vibrates_and_counts_no_silence() -> None:
+    worn, presented = (re.sub(r"\| .*", "", page(load(shipped(f"{name}.toml")))) for name in ("ahead", "sole"))
+    assert "vibrating part" in worn
+    assert "panel" not in worn + presented
+    assert "step" not in presented
+    # 6 x 50 trials with a vibration of 1 s each; nothing lasts as long.
+    assert "at most 300 s" in words(section(presented, 8))
+
+
+def test_repeats_end_where_the_session_ends_them() -> None:
+    assert f"{MOST_ATTEMPTS} attempts" in words(section(page(protocol()), 9))
+
+
+def test_a_break_is_told_only_between_tasks() -> None:
+    assert "break" not in section(page(load(shipped("sole.toml"))), 4)
 
 
 def test_what_is_left_for_the_laboratory_is_listed() -> None:

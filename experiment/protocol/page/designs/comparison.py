@@ -9,7 +9,10 @@ from palpate.experiment.protocol.page.words import DesignWords
 def _question_words(protocol: Protocol) -> str:
     comparison = protocol.table(Comparison)
     tie = ", or neither" if comparison.tie_key is not None else "; they must choose one"
-    return f"Participants say which of the two has more {named(comparison.quality)}{tie}."
+    asked = f"say which of the two has more {named(comparison.quality)}"
+    if all(task.question for task in protocol.tasks):
+        asked = "answer the question of the task, word for word as in section 5"
+    return f"Participants {asked}{tie}."
 
 
 def _ranked(protocol: Protocol) -> str:

@@ -7,7 +7,7 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol, Step, Task
 from palpate.experiment.protocol.page.words import KindWords
 
-MOVEMENT = "the foot's height (and place along the panel, if measured) over time, the speed and time of each step, "
+MOVEMENT = "the foot's height (and horizontal position, if measured) over time, the speed and time of each step, "
 PRESSED = "A sensor under the panel measures the force of the foot until 0.2 s after contact."
 _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coefficients of their spectra"}
 
@@ -54,17 +54,16 @@ def _synthesised(footstep: Footstep) -> Iterator[Block]:
 def _steps(step: Step, *, ahead: bool) -> Iterator[Block]:
     earlier = " If a task's stimulus begins before contact, that task states its own rule." if ahead else ""
     yield Said(
-        f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "
-        f"{number(step.gate_bottom_mm)} mm above the panel. The stimulus starts when the foot reaches "
-        f"{number(step.contact_mm)} mm. If the foot stops, turns back or hesitates on the way, no stimulus is played "
-        f"and the trial is immediately ready (armed) for another step.{earlier}"
+        f"The speed of the foot is measured while its height falls from {number(step.gate_top_mm)} to "
+        f"{number(step.gate_bottom_mm)} mm. The stimulus starts at {number(step.contact_mm)} mm. If the foot stops, "
+        f"turns back or hesitates on the way, no stimulus is played and the trial is ready for another step.{earlier}"
     )
 
 
 def _felt(protocol: Protocol, task: Task) -> str:
     synthesis = protocol.table(Footstep).synthesis
     total_s = number(round(protocol.felt_trials(task) * synthesis.samples / synthesis.rate_hz, 1))
-    return f"In task {task.id} the panel vibrates for {total_s} s in total, if no trial is repeated."
+    return f"In task {task.id} vibration lasts {total_s} s in total, if no trial is repeated."
 
 
 def _odd(protocol: Protocol) -> Iterator[tuple[str, str, str]]:
@@ -75,8 +74,10 @@ def _odd(protocol: Protocol) -> Iterator[tuple[str, str, str]]:
 
 
 WORDS = KindWords(
+    touched=lambda protocol: "vibrating part" if any(task.ahead for task in protocol.tasks) else "panel",
+    familiar=lambda _: "nothing vibrates",
     sources={
-        "virtual": "virtual: vibration of the panel, synthesized from recordings",
+        "virtual": "virtual: vibration, synthesized from recordings",
         "real": "real: the experimenter lays out the real object before each trial",
     },
     recorded=lambda protocol: MOVEMENT + ("the force of the foot, " if protocol.table(Footstep).force else ""),

@@ -90,14 +90,17 @@ def _part(part: Part) -> str:
 
 
 def _felt(protocol: Protocol, task: Task) -> str:
-    lasts_s = {one.material: one.lasts_s for one in protocol.table(Presented).stimuli}
-    each_s = [sum(lasts_s.get(material, 0.0) for material in one) for one in protocol.presentations(task)]
+    vibrates_s = {
+        one.material: sum(part.lasts_s for part in one.parts if part.silence is None)
+        for one in protocol.table(Presented).stimuli
+    }
+    each_s = [sum(vibrates_s.get(material, 0.0) for material in one) for one in protocol.presentations(task)]
     trained_s = (protocol.felt_trials(task) - protocol.trials(task)) * max(each_s)
     total_s = number(round(task.repetitions * sum(each_s) + trained_s, 1))
     before_s = number(task.familiarisation.max_s)
     return (
-        f"In task {task.id} stimuli last at most {total_s} s in total, if no trial is repeated. The task's "
-        f"familiarization plays stimuli for at most {before_s} s."
+        f"In task {task.id} the trials vibrate for at most {total_s} s in total, silence not counted, if none is "
+        f"repeated. The task's familiarization plays stimuli for at most {before_s} s."
     )
 
 
@@ -141,6 +144,8 @@ def _unnamed(stimulus: PresentedStimulus) -> tuple[Part, ...]:
 
 WORDS = KindWords(
     odd=_odd,
+    touched=lambda _: "touched surface",
+    familiar=lambda _: "the stimuli are played, as section 7 states",
     sources={
         "virtual": "virtual: vibrations that the protocol declares",
         "real": "real: real objects (no trial of this kind presents them)",

@@ -26,8 +26,7 @@ def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
         "In a task with virtual surfaces, the hand moves a device, which pushes back when the hand reaches a block. "
         f"All surfaces share one block, which consists of a spring of {number(virtual.stiffness_n_m)} N/m and a "
         f"damper of {number(virtual.damping_n_s_m)} N s/m and {mass}. The force is computed {virtual.rate_hz} times a "
-        f"second and never exceeds {number(protocol.exposure.force_peak_n or 0.0)} N. Force and vibration drop to "
-        "zero if the device, the tracker or the program fails."
+        "second. Force and vibration drop to zero if the device, the tracker or the program fails."
     )
     if virtual.crossovers_hz:
         yield Said(
@@ -77,7 +76,7 @@ def _when(delay_ms: float) -> str:
 
 
 def _force(limit_n: float, virtual: Tapping) -> str:
-    """Return what the block asks of a device, beside what it may get, and how far the force may be off."""
+    """Return what the block asks of a device, beside what it may get."""
     k, c, fastest = virtual.stiffness_n_m, virtual.damping_n_s_m, virtual.fastest_mm_s
     asked_n = c * fastest * 1e-3
     said = f"For a touch at {number(fastest)} mm/s, the damper alone would need {asked_n:.4g} N"
@@ -89,20 +88,29 @@ def _force(limit_n: float, virtual: Tapping) -> str:
             f"{said}; the filter passes only part of this force. The block cannot feed energy into the hand, because "
             f"no crossover is below K / (2 pi C), {least_hz:.4g} Hz. This still holds when a servo samples the "
             "motion, provided the device has enough damping (Colgate and Schenkel 1997); no session runs on a rig "
-            "with less. The force error is not known."
+            "with less."
         )
-    said += (
+    return said + (
         ". A fixed block cannot feed energy into the hand (Colgate and Schenkel 1997) on a device whose own damping "
         f"is at least {k / virtual.rate_hz / 2 + c:.4g} N s/m (K T / 2 + C), if speed is computed as the difference "
         "between two samples. Less damping is enough if the servo also uses the force that it sent. No session runs "
-        "on a rig with less damping than it needs. "
+        "on a rig with less damping than it needs."
     )
-    if virtual.force_error_max is None:
-        return f"{said}The protocol sets no limit on the force error."
-    return (
-        f"{said}No session runs on a rig whose force error exceeds {number(100 * virtual.force_error_max)} % (rms, "
-        "relative to the block's force within the limit) when a simulated hand rests inside the block or taps on it."
-    )
+
+
+def _force_error(protocol: Protocol) -> str:
+    """Return what the board reads beside the limit of the force."""
+    if (virtual := rendered(protocol)) is None:
+        return ""
+    limit = "The protocol does not limit how far a smaller force may be from the block's"
+    if virtual.crossovers_hz:
+        limit = "How far a smaller force is from the block's is not known"
+    elif virtual.force_error_max is not None:
+        limit = (
+            f"No session runs on a rig whose force error exceeds {number(100 * virtual.force_error_max)} % (rms, "
+            "relative to the block's force within the limit) when a simulated hand rests inside the block or taps on it"
+        )
+    return f" sent to the device. What the device delivers is not measured, so its own error adds to this. {limit}"
 
 
 def _felt(protocol: Protocol, task: Task) -> str:
@@ -121,6 +129,9 @@ def _recorded(protocol: Protocol) -> str:
 
 
 WORDS = KindWords(
+    force=_force_error,
+    touched=lambda _: "device",
+    familiar=lambda task: "nothing vibrates" + (", and the block pushes back" if task.stimulus == "virtual" else ""),
     sources={
         "virtual": "virtual: surfaces that the rig renders",
         "real": "real: the experimenter lays out both samples before each trial",

@@ -233,9 +233,9 @@ def test_levels_that_no_answer_moves_have_no_track_drawn(analysed: Analysis, two
 
 
 @pytest.mark.parametrize(
-    ("is_posterior", "stated"), [(True, ("-12.00 dB", "-10.00 dB")), (False, ("-10.00 dB", "-12.00 dB"))]
+    ("is_posterior", "stated"), [(True, ("-12.0 dB", "-10.0 dB")), (False, ("-10.0 dB", "-12.0 dB"))]
 )
 def test_the_threshold_that_errs_less_is_stated_first(is_posterior: bool, stated: tuple[str, str]) -> None:
     fitted, by_rule = mean(np.array([-11.0, -9.0])), mean(np.array([-13.0, -11.0]))
     words = detection._threshold_words(results.Threshold("tone", 1.0, fitted, by_rule, is_posterior))
-    assert tuple(re.findall(r"-1\d\.00 dB", words)) == stated
+    assert tuple(re.findall(r"-1\d\.0 dB", words)) == stated
