@@ -20,6 +20,7 @@ from palpate.experiment.protocol.rules import Mode
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.masker import MaskerNoise
     from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+    from palpate.experiment.apparatus.panel.conditioning import Drifted
     from palpate.experiment.apparatus.tracker.clock_map import ClockMap
     from palpate.experiment.synthesis.voltages import Drive
 
@@ -211,12 +212,12 @@ def open_actuator(
     address: str | None = None,
     stream: AudioStream | None = None,
     clock: Clock | None = None,
-    louder_db: float | None = None,
+    drifted: Drifted | None = None,
 ) -> Actuator:
     """Open the rig's actuator, at its own address or another, or on a channel of the session's stream.
 
     `limit_m_s2` is the protocol's, for any sample. `drive`, of `conditioning.open_drive`, is for `actuator.shaping`
-    alone; `RigError` otherwise. `clock` paces a server, and `louder_db` is as in `open_conditioner`. Raises
+    alone; `RigError` otherwise. `clock` paces a server, and `drifted` is as in `open_conditioner`. Raises
     `ActuatorError` for a bad address, limit, server or stream.
     """
     settings = rig.actuator
@@ -233,7 +234,7 @@ def open_actuator(
         )
     from palpate.experiment.apparatus.panel.conditioning import open_conditioner
 
-    condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive, louder_db=louder_db)
+    condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive, drifted=drifted)
     if address is None and ":" in settings.driver:
         own = import_module("palpate.experiment.apparatus.wires.own.actuator")
         return cast("Actuator", own.DriverActuator(rig, condition, clock or MonotonicClock()))

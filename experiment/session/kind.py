@@ -31,6 +31,7 @@ from palpate.experiment.records.progress import Progress
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
+    from palpate.experiment.apparatus.panel.conditioning import Drifted
     from palpate.experiment.apparatus.tracker.clock_map import ClockMap
     from palpate.experiment.synthesis.voltages import Drive
     from palpate.experiment.synthesis.waveforms import Basis
@@ -50,7 +51,7 @@ class Signals(Protocol):
 class Sitting:
     """One participant at one task on a rig; files of the rig are beside its file. `recordings` is None without any.
 
-    `louder_db` is what a comparison of the panel found; None without any. `signals` are triggers.
+    `drifted` is from a comparison of the panel; None without one. `signals` are triggers.
     """
 
     protocol: StudyProtocol
@@ -61,7 +62,7 @@ class Sitting:
     dataset: Path
     recordings: Path | None
     clock: Clock
-    louder_db: float | None = None
+    drifted: Drifted | None = None
     signals: Signals | None = None
 
 
@@ -324,7 +325,7 @@ def open_actuator(
         address=ends.panel(opened),
         stream=stream,
         clock=sitting.clock,
-        louder_db=sitting.louder_db,
+        drifted=sitting.drifted,
     )
     opened.callback(actuator.close)
     playing = ends.playing(actuator, sitting, opened)

@@ -226,11 +226,11 @@ class _Visit:
         complete = _is_complete(root, participant, task_id)
         # Before it is known who takes part, the question may not show which task comes first.
         shown = self.asked_for if self._identity is None else (task_id,)
-        panel, louder_db = "", None
+        panel, drifted = "", None
         if not complete and any(protocol.task(one).stimulus == "virtual" for one in shown):
             compare = import_module("palpate.experiment.desk.panel").compare_panel
-            panel, louder_db = compare(self.rig_file, rig, console)
-        sitting = Sitting(protocol, rig, self.rig_file, participant, task_id, root, used, clock, louder_db)
+            panel, drifted = compare(self.rig_file, rig, console)
+        sitting = Sitting(protocol, rig, self.rig_file, participant, task_id, root, used, clock, drifted)
         with ExitStack() as opened:
             try:
                 devices = opened.enter_context(open_laboratory(sitting, RealEnds(console)))

@@ -2,9 +2,9 @@
 
 Five causal panels, one of which got a load after it was measured and one a coil that takes 10 % off the loudest sample,
 and others beside them, are measured in memory and play the simulated materials at ten speeds, by equation (7) and by
-their inverse. What is stated of third octaves and envelope (`felt.py`) stands beside the truth: a simulation that was
-written from the words of `protocols/rigs/rehearsal-panel.toml`, but for what a load does to a mode, which its writer
-took from the source. What limits take off a whole stimulus is in neither. Everything is SIMULATED.
+their inverse. What is stated of third octaves and envelope (`Movement.felt`) stands beside the truth: a simulation that
+was written from the words of `protocols/rigs/rehearsal-panel.toml`, but for what a load does to a mode, which its
+writer took from the source. What limits take off a whole stimulus is in neither. Everything is SIMULATED.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from scipy import signal
 from palpate.experiment.apparatus.panel import drift
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.inverse import Inverse
-from palpate.experiment.apparatus.panel.movement import ERRORS, Movement
+from palpate.experiment.apparatus.panel.movement import Movement
 from palpate.experiment.rehearsal.wires.modes import Load, Modes
-from palpate.experiment.session.kinds.footstep.felt import Felt, felt, felt_with_intervals
+from palpate.experiment.synthesis.felt import Felt, felt
 from palpate.experiment.synthesis.shaping import Response
 from palpate.experiment.synthesis.voltages import Drive
 from palpate.experiment.synthesis.waveforms import Basis
@@ -36,9 +36,6 @@ FINE = 16
 
 RESTS = 64
 """Samples of rest before the first one, for what a band-limited line does before it."""
-
-WITHIN = 1.25
-"""A stimulus may lie elsewhere in a third octave than what compares it: so many times as much it is off there. Ours."""
 
 AHEAD_S = 0.01
 LIMIT_M_S2 = 1e3
@@ -125,19 +122,19 @@ def felts(
             # Of one length, for the level of a low third octave hangs on where the few frequencies in it lie.
             size = movement.moved_m_s2(samples).size
             true = moved_m_s2(now, volts, rate_hz=RATE_HZ, size=size)[ahead:]
-            planned, known = (felt_with_intervals(asked, samples, of, ahead=ahead) for of in (movement, compared))
+            planned, known = (of.felt(asked, samples, ahead=ahead) for of in (movement, compared))
             yield felt(asked, true, rate_hz=RATE_HZ), planned, known
 
 
 def rows(before: Modes, now: Modes, seed: int, prepared: Mapping[str, Basis]) -> Iterator[tuple[str, float, Row, Row]]:
-    """Each way and quantity of a panel that was measured once and then compared: what they are, by how much it differed
-    at the most, dB, and what a plan states, and what could be stated of a panel that was compared.
+    """Each way and quantity of a panel that was measured once and then compared: their names, the drift on record, dB,
+    what a plan states, and what a session records.
     """
     rng = np.random.default_rng(seed)
     stated, found = reference(before, rng)
     movement = Movement(found, stated, RATE_HZ)
     drifts = drift.compare(devices(now, rng), stated, found, peak=stated.check_peak, rng=rng)
-    off_db = max(abs(one.db) + ERRORS * one.standard_error_db for one in drifts)
+    drifted = drift.at_most(drifts)
     f = np.concatenate([np.arange(8.0, 30.0, 1.0), np.arange(30.0, 605.0, 5.0)])
     table = Response(f, np.array([0.1, 1e3]), np.abs(response(before, f))[:, None] / FULL_SCALE_V * [[0.1, 1e3]])
     drive = Drive(prepared, rate_hz=RATE_HZ, response=table, gain_limit_v_per_m_s2=10.0, limit_v=FULL_SCALE_V)
@@ -145,18 +142,18 @@ def rows(before: Modes, now: Modes, seed: int, prepared: Mapping[str, Basis]) ->
         condition = Conditioner(
             full_scale=FULL_SCALE_V, limit_m_s2=LIMIT_M_S2, drive=drive, movement=movement, inverse=inverse
         )
-        compared = replace(movement, louder_db=WITHIN * off_db)
+        compared = replace(movement, drifted=drifted)
         every = list(felts(now, condition, movement, compared, list(prepared.values())))
         for quantity, of in (("third octaves", "third_octave"), ("envelope", "envelope")):
             truth, stated_db = (np.array([getattr(one[i], f"{of}_db") for one in every]) for i in (0, 1))
             between = [np.array([getattr(one[i], f"{of}_between_db") for one in every]).T for i in (1, 2)]
             planned, known = (Row(truth, stated_db, *one) for one in between)
-            yield f"{way},{quantity}", off_db, planned, known
+            yield f"{way},{quantity}", drifted.off_db, planned, known
 
 
 def main(seed: int = 0) -> None:
     prepared = bases()
-    print("panel,compared,way,of,truth,off,10 % or 0.3 dB,interval holds,narrow,compared: holds,narrow")
+    print("panel,drift on record,way,of,truth,off,10 % or 0.3 dB,interval holds,narrow,compared: holds,narrow")
     for name, (before, now) in {**FIVE, **OTHERS}.items():
         for what, off_db, row, known in rows(before, now, seed, prepared):
             truth = f"{row.truth_db.min():.2f} to {row.truth_db.max():.2f} dB"

@@ -24,7 +24,7 @@ from palpate.experiment.apparatus.panel import inverse
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.movement import Movement
 from palpate.experiment.rehearsal.wires.modes import Modes, MovingPanel
-from palpate.experiment.session.kinds.footstep.felt import felt
+from palpate.experiment.synthesis.felt import felt
 from palpate.experiment.synthesis.shaping import Response
 from palpate.experiment.synthesis.voltages import Drive
 from palpate.experiment.synthesis.waveforms import Basis

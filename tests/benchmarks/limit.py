@@ -168,7 +168,7 @@ def row(modes: Modes, stimuli: int, *, seed: int, drift_db: float = 0.0) -> Row:
     stated, found = reference(modes, rng)
     now = drifted(modes, drift_db)
     compared = drift.compare(devices(now, rng), stated, found, peak=stated.check_peak, rng=rng)
-    movement = Movement(found, stated, RATE_HZ, drift.louder_db(compared))
+    movement = Movement(found, stated, RATE_HZ, drift.at_most(compared))
     condition = Conditioner(full_scale=FULL_SCALE_V, limit_m_s2=LIMIT_M_S2, movement=movement)
     lines = found.lines_hz.astype(float)
     off = found.response_m_s2 * np.exp(2j * np.pi * lines * _delay_s(modes, found.response_m_s2, lines))

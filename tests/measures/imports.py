@@ -111,6 +111,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/panel/multisine.py",
         "experiment/desk/panel.py",
         "experiment/session/kinds/footstep/felt.py",
+        "experiment/synthesis/felt.py",
     ),
     "presented": (
         "experiment/dataset/kinds/presented.py",

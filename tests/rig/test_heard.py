@@ -21,7 +21,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import multisine
-from palpate.experiment.apparatus.panel.movement import COLUMNS
+from palpate.experiment.apparatus.panel.movement import COLUMNS, DRIFT_DB
 from palpate.experiment.protocol import files
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Note
@@ -153,6 +153,9 @@ def test_what_the_accelerometer_hears_of_each_stimulus_is_on_record(
         assert stimulus.heard.problem == ""
         assert stimulus.heard.peak_m_s2 is not None
         assert stimulus.moved is not None
+        # The session compared its panel, which is the measured one.
+        assert stimulus.moved.drift_db is not None
+        assert stimulus.moved.drift_db < DRIFT_DB / 2
         assert stimulus.heard.peak_m_s2 == pytest.approx(stimulus.moved.peak_m_s2, rel=0.05, abs=5 * REST_NOISE_M_S2)
         assert stimulus.heard.gain == pytest.approx(1.0, abs=0.02)
         assert stimulus.heard.delay_ms is not None

@@ -7,12 +7,15 @@ from contextlib import contextmanager
 from datetime import date
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor import sensor
 from palpate.experiment.apparatus.panel import calibration, drift
 from palpate.experiment.apparatus.panel.calibration import Devices
+from palpate.experiment.apparatus.panel.conditioning import open_conditioner
+from palpate.experiment.apparatus.panel.movement import DRIFT_DB, open_movement
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.desk.panel import compare_panel
 from palpate.experiment.desk.questions import NO, YES, Agree, Reply
@@ -20,8 +23,11 @@ from palpate.experiment.errors import Finding, Interrupted, RecordingError, RigE
 from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.rehearsal.wires.bench import Bench
 from palpate.experiment.rehearsal.wires.modes import Mode, Modes
-from tests.benchmarks.drift import drifted, verdicts
+from palpate.experiment.synthesis.felt import felt
+from tests.benchmarks.drift import RATE_HZ, drifted, verdicts
+from tests.benchmarks.felt import moved_m_s2
 from tests.experiment.session.scripted import ScriptedConsole
+from tests.experiment.synthesis.stimuli import of_bins
 from tests.rig.test_panel_calibration import ONE_MODE, RIG, AtRest, Dead, Shaken, laid_out
 
 
@@ -105,12 +111,12 @@ def test_a_coil_that_softened_the_measurement_is_no_drift(monkeypatch: pytest.Mo
     loud = rigs.load(file)
     assert loud.actuator.measured is not None
     measured = loud.actuator.measured.model_copy(update={"check_peak": 0.2})
-    found, louder_db = drift.compare_panel(
+    found, drifted_by = drift.compare_panel(
         file, loud.model_copy(update={"actuator": loud.actuator.model_copy(update={"measured": measured})})
     )
     assert measured.compression_db > 0.1
     assert found.verdict == "passes"
-    assert 0 <= louder_db < 0.5
+    assert 0 <= drifted_by.louder_db < 0.5
 
 
 def test_a_panel_that_cannot_be_heard_clearly_is_measured_once_longer_and_then_refused(
@@ -172,8 +178,8 @@ def _turned(mode: Mode) -> Mode:
 
 def test_the_panel_moves_once_nobody_is_on_it(monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig) -> None:
     allowed, nobody = lay_out(monkeypatch), Desk(yes=True)
-    noted, louder_db = compare_panel(rig_file, rig, nobody)
-    assert louder_db is not None
+    noted, drifted_by = compare_panel(rig_file, rig, nobody)
+    assert drifted_by is not None
     assert (nobody.asked, len(allowed), len(nobody.shown)) == (1, 1, 1)
     assert "dB" in noted
     with pytest.raises(Interrupted):
@@ -188,10 +194,45 @@ def test_without_an_accelerometer_that_stays_the_comparison_is_left_out_and_warn
     allowed, desk = lay_out(monkeypatch), Desk(yes=True)
     assert rig.accelerometer is not None
     sensor = None if stays else rig.accelerometer.model_copy(update={"stays": False})
-    noted, louder_db = compare_panel(rig_file, rig.model_copy(update={"accelerometer": sensor}), desk)
-    assert louder_db is None
+    noted, drifted_by = compare_panel(rig_file, rig.model_copy(update={"accelerometer": sensor}), desk)
+    assert drifted_by is None
     assert (desk.asked, allowed) == (0, [])
     assert desk.shown == [f"WARNING: {noted}"]
+
+
+@pytest.mark.parametrize("db", [0.0, 0.8, -0.8, 1.5])
+def test_the_record_states_what_is_felt_by_the_drift_that_was_found(
+    monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig, db: float
+) -> None:
+    """The truth is that of the simulation of `tests.benchmarks.felt`, written from the panel's description alone."""
+    now = drifted(ONE_MODE, db)
+    lay_out(monkeypatch, modes=now)
+    unheard = rig.model_copy(update={"accelerometer": None})
+    found, none = (compare_panel(rig_file, one, Desk(yes=True))[1] for one in (rig, unheard))
+    coefficients = np.zeros(2500)
+    coefficients[100:300:10] = np.random.default_rng(1).choice([-0.4, 0.4], 20)
+    stimulus = of_bins(coefficients, samples=2500, rate_hz=RATE_HZ)
+    compared, planned = (
+        open_conditioner(rig, limit_m_s2=100.0, drive=None, drifted=one)(stimulus) for one in (found, none)
+    )
+    assert rig.actuator.measured is not None
+    size = open_movement(rig_file.parent, rig.actuator.measured, rate_hz=RATE_HZ).grid(compared.samples.size).size
+    volts = compared.samples.astype(np.float64) * rig.actuator.full_scale
+    moved = moved_m_s2(now, volts, rate_hz=RATE_HZ, size=size)
+    true = felt(stimulus.waveform_m_s2, moved, rate_hz=RATE_HZ)
+    by_session, by_plan = compared.on_record().moved, planned.on_record().moved
+    assert by_session is not None
+    assert by_plan is not None
+    assert by_plan.drift_db == DRIFT_DB
+    for stated, allowed, value in (
+        (by_session.third_octave_between_db, by_plan.third_octave_between_db, true.third_octave_db),
+        (by_session.envelope_between_db, by_plan.envelope_between_db, true.envelope_db),
+    ):
+        assert stated is not None
+        assert allowed is not None
+        assert stated[0] <= value <= stated[1]
+        assert (stated[1] - stated[0] < (allowed[1] - allowed[0]) / 2) is (db == 0.0)
+        assert (allowed[0] <= value <= allowed[1]) is (db < DRIFT_DB)
 
 
 def test_drift_of_one_and_a_half_decibels_is_always_found_and_no_drift_never() -> None:

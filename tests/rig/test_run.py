@@ -18,6 +18,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel.movement import DRIFT_DB
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.desk.terminal import TerminalConsole
 from palpate.experiment.protocol import files
@@ -146,6 +147,7 @@ def test_a_session_from_the_experimenters_chair(
     if task == "virtual":
         assert [s.stimulus.samples for s in steps if s.stimulus] == [d.size for d in delivered if d is not None]
         assert len({s.stimulus.handed_sha256 for s in steps if s.stimulus}) == 4
+        assert [s.stimulus.moved.drift_db for s in steps if s.stimulus and s.stimulus.moved] == [DRIFT_DB] * 4
     else:
         assert delivered == [None] * 4
     description = json.loads((tmp_path / "dataset" / "dataset_description.json").read_text())

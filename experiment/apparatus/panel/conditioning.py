@@ -44,11 +44,21 @@ class Peak(NamedTuple):
         return self.peak_m_s2 + self.uncertainty_m_s2
 
 
+class Drifted(NamedTuple):
+    """The most that a panel can have drifted in any third octave since it was measured, dB: upward, and either way."""
+
+    louder_db: float
+    off_db: float
+
+
 class Movement(Protocol):
     """How a measured panel moves."""
 
     def peak(self, samples: NDArray[np.float32]) -> Peak:
         """Return the peak that finite samples, shape (n,), move the panel by."""
+
+    def on_record(self, played: "Played", peak: Peak) -> records.Moved:
+        """Return the record of a stimulus that moves the panel with this peak."""
 
 
 class Inverse(Protocol):
@@ -81,7 +91,13 @@ class Played:
     moved: Peak | None = None
     panel_scale: float = 1.0
     inverse: Inverse | None = None
+    movement: Movement | None = None
     heard: Callable[[], records.Heard | None] = lambda: None
+
+    @property
+    def ahead(self) -> int:
+        """How many samples come before the stimulus."""
+        return 0 if self.inverse is None else round(self.inverse.ahead_s * self.stimulus.rate_hz)
 
     def budget(self) -> tuple[budget.Budget, Shaped | None]:
         """Return how the samples differ from the request, and what shaping did, None without; computed anew."""
@@ -131,7 +147,7 @@ class Played:
             limited=self.limited,
             reached_peak_m_s2=reached,
             shaping=None if shaped is None else _lost(shaped, self.scale),
-            moved=None if self.moved is None else records.Moved(**self.moved._asdict(), scale=self.panel_scale),
+            moved=None if self.moved is None or self.movement is None else self.movement.on_record(self, self.moved),
             heard=self.heard(),
         )
 
@@ -196,9 +212,8 @@ class Conditioner:
             # Rounding to float32 must not lift it over the limit.
             down = self._limit_m_s2 / peak.highest_m_s2 * (1 - float(np.finfo(np.float32).eps))
         samples = played.samples if down == 1.0 else (played.samples * down).astype("<f4")
-        return replace(
-            played, samples=samples, moved=Peak(peak.peak_m_s2 * down, peak.uncertainty_m_s2 * down), panel_scale=down
-        )
+        moved = Peak(peak.peak_m_s2 * down, peak.uncertainty_m_s2 * down)
+        return replace(played, samples=samples, moved=moved, panel_scale=down, movement=movement)
 
     def _conditioned(self, stimulus: Waveform) -> tuple[NDArray[np.float64], float, str]:
         """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""
@@ -229,18 +244,18 @@ def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
 
 
 def open_conditioner(
-    rig: Rig, *, limit_m_s2: float, drive: Drive | None, louder_db: float | None = None
+    rig: Rig, *, limit_m_s2: float, drive: Drive | None, drifted: Drifted | None = None
 ) -> Conditioner:
     """Return what conditions stimuli for a rig's actuator, with its `open_drive`. Raises `RigError` for the panel.
 
-    `louder_db` is by how much the panel became louder since it was measured, at most; None where nothing compared it.
+    `drifted` is from the session's comparison of the panel with its measurement; None without one.
     """
     actuator, movement, inverse = rig.actuator, None, None
     if actuator.measured is not None:
         module = import_module(MOVEMENT)
         movement = module.open_movement(rig.folder or Path(), actuator.measured, rate_hz=actuator.rate_hz)
-        if louder_db is not None:
-            movement = replace(movement, louder_db=louder_db)
+        if drifted is not None:
+            movement = replace(movement, drifted=drifted)
         if actuator.inverse_ahead_ms is not None:
             inverse = import_module(INVERSE).Inverse(movement, ahead_s=actuator.inverse_ahead_ms / 1e3)
     return Conditioner(

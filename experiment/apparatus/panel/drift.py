@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.panel import calibration, multisine
 from palpate.experiment.apparatus.panel.calibration import HIGH_HZ, LOW_HZ, UNCERTAIN_DB, Devices
+from palpate.experiment.apparatus.panel.conditioning import Drifted
 from palpate.experiment.apparatus.panel.movement import DRIFT_DB, ERRORS, Reference, expected_gain, open_movement
 from palpate.experiment.apparatus.panel.validity import CALIBRATE
 from palpate.experiment.apparatus.rig import MeasuredRig, Rig
@@ -23,6 +24,12 @@ SECONDS, LONGER = 2, 8
 
 WARNED_DB, REFUSED_DB = DRIFT_DB, 3.0
 """From so much more or less in any third octave the experimenter is warned, and nobody is run."""
+
+WITHIN = 1.25
+"""A stimulus may put its energy elsewhere in a third octave, where drift is up to this many times as large. Ours."""
+
+RESPONSE_DB = 0.15
+"""Errors of the measured response alone put a level off by up to this much (SIMULATED, `felt.csv`)."""
 
 THIRD = 10**0.1
 """From one third octave to the next (IEC 61260-1)."""
@@ -96,9 +103,12 @@ def compare(
     )
 
 
-def louder_db(found: Sequence[Drift]) -> float:
-    """Return by how much more a panel moves in any third octave than it was measured to, at most, dB; not below 0."""
-    return max(0.0, *(one.db + ERRORS * one.standard_error_db for one in found))
+def at_most(found: Sequence[Drift]) -> Drifted:
+    """Return the most that a panel can have drifted, with `ERRORS` standard errors; upward, it is not below 0."""
+    return Drifted(
+        louder_db=max(0.0, *(one.db + ERRORS * one.standard_error_db for one in found)),
+        off_db=max(RESPONSE_DB, WITHIN * max(abs(one.db) + ERRORS * one.standard_error_db for one in found)),
+    )
 
 
 def judged(found: Sequence[Drift], rig_file: Path) -> Finding:
@@ -120,9 +130,9 @@ def is_heard(rig: Rig) -> bool:
     return rig.actuator.measured is not None and sensor is not None and sensor.stays is not False
 
 
-def compare_panel(rig_file: Path, rig: Rig) -> tuple[Finding, float]:
+def compare_panel(rig_file: Path, rig: Rig) -> tuple[Finding, Drifted]:
     """Compare the panel of a rig that `is_heard` with its measurement; return a finding that passes or warns, and
-    `louder_db`.
+    the drift.
 
     Raises `RigError` from `REFUSED_DB` on, and `PalpateError` for the devices.
     """
@@ -137,4 +147,4 @@ def compare_panel(rig_file: Path, rig: Rig) -> tuple[Finding, float]:
     found = judged(drifted, rig_file)
     if found.verdict == "refuses":
         raise RigError.at(found)
-    return found, louder_db(drifted)
+    return found, at_most(drifted)

@@ -16,6 +16,8 @@ def played_line(stimulus: Stimulus | None, onset: Onset | None) -> str:
     said += f", with {stimulus.limited} samples clipped" if stimulus.limited else ""
     if stimulus.computed.left_out is not None:
         said += f", rms error {stimulus.computed.relative_error:.2%} ({stimulus.computed.left_out:.2%} left out)"
+    if stimulus.moved is not None and (between := stimulus.moved.third_octave_between_db) is not None:
+        said += f", worst third-octave error {between[0]:.1f} to {between[1]:.1f} dB"
     if stimulus.extrapolated:
         said += ", at a speed outside the recorded range"
     if (heard := stimulus.heard) is not None and heard.peak_m_s2 is not None:

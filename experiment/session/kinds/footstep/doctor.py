@@ -12,9 +12,10 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene
 from palpate.experiment.session.kinds.footstep import preparation, trials
-from palpate.experiment.session.kinds.footstep.felt import Felt, felt_on
+from palpate.experiment.session.kinds.footstep.felt import felt_on
 from palpate.experiment.session.kinds.footstep.fidelity import WEAKER, judged, played, speeds_mm_s
 from palpate.experiment.study.enrolment import default_root
+from palpate.experiment.synthesis.felt import Felt
 
 NAME = "left out"
 """The name of the check."""
@@ -39,11 +40,9 @@ def omissions(
         yield unchecked(NAME, missing, "give their folder with --recordings")
         return
     try:
-        share = judged(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=folder)
+        yield passed(NAME, judged(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=folder), allowed)
     except PalpateError as error:
         yield refused(NAME, error)
-        return
-    yield passed(NAME, share, allowed)
 
 
 def examine(

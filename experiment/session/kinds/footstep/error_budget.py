@@ -21,7 +21,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings import manifest
 from palpate.experiment.session import scene as scenes
 from palpate.experiment.session.kinds.footstep import preparation, sampling
-from palpate.experiment.session.kinds.footstep.felt import FELT, FELT_ROWS, Felt, felt_on, gain_sentence
+from palpate.experiment.session.kinds.footstep.felt import FELT, FELT_ROWS, felt_on, gain_sentence
 from palpate.experiment.session.kinds.footstep.fidelity import (
     SHOWN,
     UNKNOWN,
@@ -37,6 +37,7 @@ from palpate.experiment.session.kinds.footstep.fidelity import (
 )
 from palpate.experiment.synthesis.budget import Budget, other_reading
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
+from palpate.experiment.synthesis.felt import Felt
 from palpate.experiment.synthesis.signals.dissimilarity import dissimilarity
 from palpate.experiment.synthesis.spectra import bin_frequencies_hz
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
+from palpate.experiment.apparatus.panel.conditioning import Drifted, open_conditioner, open_drive
 from palpate.experiment.apparatus.panel.movement import COLUMNS, DRIFT_DB, Movement, Reference, read_reference
 from palpate.experiment.apparatus.rig import MeasuredRig, Rig
 from palpate.experiment.errors import RigError
@@ -122,14 +122,16 @@ def test_a_measured_panel_is_limited_by_what_it_does_and_what_is_lost_goes_on_re
     assert np.abs(played.samples).max() / np.abs(free.samples).max() == pytest.approx(record.moved.scale, rel=1e-6)
     assert free.on_record().moved is not None
     # Nothing compared the panel, so that it may be 1 dB louder.
-    compared = open_conditioner(rig, limit_m_s2=1.0, drive=drive, louder_db=0.0)(played.stimulus)
+    compared = open_conditioner(rig, limit_m_s2=1.0, drive=drive, drifted=Drifted(0.0, 0.0))(played.stimulus)
     assert compared.panel_scale / played.panel_scale == pytest.approx(10**0.05)
     assert free.panel_scale == 1.0
     # What the limit takes is counted as that, and nothing as rounding.
     budget = played.budget()[0]
     assert budget.taken_down == pytest.approx(1 - record.moved.scale, rel=0.1)
     assert budget.rounding < 1e-5
-    assert f"{record.moved.scale:.1%}" in played_line(record, None)
+    between = record.moved.third_octave_between_db
+    assert between is not None
+    assert all(said in played_line(record, None) for said in (f"{record.moved.scale:.1%}", f"{between[1]:.1f} dB"))
 
 
 def test_a_device_that_takes_accelerations_is_scaled_as_a_whole(rig: Rig) -> None:
