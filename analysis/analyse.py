@@ -112,8 +112,11 @@ def analyse(
     audit = designs.optional(design.audit) if design.audit and printed else None
     section, comparison = audit.beside_print(study, found, printed) if audit else (None, None)
     first, *others = design.sections(study, found, printed, section)
+    rebuilt = printed if study.origin == "RECONSTRUCTION" else None
+    *said, last = first.paragraphs
+    last = f"{section.paragraphs[0]} {last}" if section and rebuilt else last
     # Whether the sound was masked stands before the answers that it may explain.
-    first = replace(first, paragraphs=(*(one.sentence for one in controlled), *first.paragraphs))
+    first = replace(first, paragraphs=(*(one.sentence for one in controlled), *said, last))
     parts = (first, *others, *control.control_section(controlled), *touched_section(study))
     audited = {"comparison": comparison} if design.audit else {}
     masked = {"control": controlled} if controlled else {}
@@ -123,7 +126,9 @@ def analyse(
     # With the study in its caption each figure can stand alone.
     drawn = tuple(replace(one, caption=f"{one.caption} Study {study.id}.") for one in drawn)
     further, formulas = design.further(found), design.methods()
-    content = page.folder(study.title, study.label, parts, drawn, formulas, numbers, further=further, pictures=pictures)
+    about = study.title, study.label
+    source = rebuilt.source if rebuilt else ""
+    content = page.folder(*about, parts, drawn, formulas, numbers, further=further, pictures=pictures, source=source)
     written = publish(place, content | _bids(study), study.label, "analyse")
     return Analysis(study, found, parts, tuple(datasets), place, written, numbers)
 

@@ -348,7 +348,11 @@ def _counted(lines: Sequence[Line], origin: str) -> str:
     rest = [f"{count} {OTHERWISE[verdict][count > 1]}" for verdict, count in others.items()]
     *first, last = (f"{agreeing} {words[agreeing != 1]}", *rest)
     counted = "printed numbers and rows" if origin == PRINT else "printed numbers"
-    return f"Of {len(lines)} {counted}, {', '.join(first)}{' and ' if first else ''}{last}."
+    said = f"Of {len(lines)} {counted}, {', '.join(first)}{' and ' if first else ''}{last}."
+    # What one mistake gives has its own value at the end of each reason.
+    causes = Counter((line.task, line.reason.partition(" = ")[0]) for line in lines if line.verdict == "differs")
+    (task, cause), count = causes.most_common(1)[0] if causes else (("", ""), 0)
+    return f"{said} In {task}, {cause} for {count} of them." if origin == "RECONSTRUCTION" and count > 1 else said
 
 
 def _with_name(line: Line) -> str:

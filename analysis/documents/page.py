@@ -44,11 +44,12 @@ def folder(
     *,
     further: Sequence[Section] = (),
     pictures: bool = True,
+    source: str = "",
 ) -> dict[str, bytes]:
     """Return a folder of results, path -> content: figures, tables, every number as JSON, and the report.
 
-    `label` may be empty; `pictures` adds PNG. Numbers must be finite. `further` sections have tables, but no part in
-    the report.
+    `label` and `source`, the paper below the title, may be empty; `pictures` adds PNG. Numbers must be finite.
+    `further` sections have tables, but no part in the report.
     """
     files = drawings(sheets, "figures/", pictures=pictures) if sheets else {}
     files |= tables((*sections, *further), label, "tables/")
@@ -61,6 +62,7 @@ def folder(
     lines = ",\n".join(f"{json.dumps(key)}: {written(one)}" for key, one in numbers.items())
     files["results.json"] = f"{{\n{lines}\n}}\n".encode()
     band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
+    paper = f'<p class="source">{escape(source)}</p>' if source else ""
     headed = f"{label}: {title}" if label else title
     numbered = _numbered(sections, sheets)
     style = Path(__file__).with_suffix(".css").read_text("utf-8")
@@ -70,7 +72,7 @@ def folder(
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
             f"<title>{escape(f'{headed}: {name}' if name else headed)}</title><style>\n{style}</style></head>\n"
-            f"<body>{band}<main><h1>{escape(title)}</h1>{body}"
+            f"<body>{band}<main><h1>{escape(title)}</h1>{paper}{body}"
             f"<footer><p>{escape(label)}</p><p>{made_by}</p></footer></main>{band}</body></html>\n"
         ).encode()
 

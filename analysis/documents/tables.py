@@ -286,7 +286,7 @@ def text(section: Section, width: int = WIDTH, *, full: bool = False) -> str:
 
 
 def _answer_text(one: Asked, width: int) -> str:
-    lines = [textwrap.fill(one.question, width)]
+    lines = [textwrap.fill(f"{one.question} [{one.standing}]" if one.standing else one.question, width)]
     lines += [textwrap.fill(line, width, initial_indent=GAP, subsequent_indent=GAP) for line in one.lines]
     return "\n".join(lines)
 

@@ -27,7 +27,7 @@ from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 LEAST = 6
 """The fewest participants of a logit in which they differ by material and task."""
 
-LINKED = "in a reconstruction, the pairing of rows across tasks and across materials is arbitrary"
+LINKED = "a reconstruction pairs rows across tasks and materials arbitrarily"
 
 
 @dataclass(frozen=True)
@@ -79,27 +79,22 @@ class Beside:
 
 def run_companions(study: Study, tasks: Mapping[str, Confusion], rng: np.random.Generator) -> Beside:
     """Return the tests of a study from the confusion matrices of its tasks; sign flips may draw."""
+    if study.origin == "RECONSTRUCTION":
+        return Beside({}, (), (), None, {"test with participants as units": LINKED})
     said = Statements()
     materials: dict[str, tuple[Repeated, ...]] = {}
     for task, matrix in tasks.items():
         ratios = _ratios(matrix, matrix.complete, matrix.presented)
         if found := said.compute(f"repeated-measures ANOVA of {task}", partial(repeated, ratios, ["material"])):
             materials[task] = found
-    linked = study.origin != "RECONSTRUCTION"
     both: tuple[Repeated, ...] | None = ()
     paired: list[Paired] = []
     if len(tasks) > 1:
-        if linked:
-            both = said.compute("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
-            for first, second in combinations(tasks, 2):
-                one = said.compute(f"comparison of {first} with {second}", partial(_paired, first, second, tasks, rng))
-                paired += [one] if one else []
-        else:
-            said["paired comparison of tasks"] = LINKED
-    if linked:
-        logit = said.compute("logit with participants who vary by material and task", partial(slopes_logit, tasks))
-    else:
-        logit, said["logit with participants who vary by material and task"] = None, LINKED
+        both = said.compute("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
+        for first, second in combinations(tasks, 2):
+            one = said.compute(f"comparison of {first} with {second}", partial(_paired, first, second, tasks, rng))
+            paired += [one] if one else []
+    logit = said.compute("logit with participants who vary by material and task", partial(slopes_logit, tasks))
     return Beside(materials, both or (), tuple(paired), logit, said)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.analysis.identification import confusion as confusions
 from palpate.analysis.identification import maps
+from palpate.analysis.identification.companion_tests import LINKED
 from palpate.analysis.identification.maps import Choice, Mantel, Scaling
 from palpate.analysis.statistics import inference, lapses
 from palpate.analysis.statistics.exact import NotDefined, Statements, defined
@@ -115,6 +116,20 @@ def identify(
         cells=tuple(_cells(matrix)),
         detection=said.compute("d'", lambda: _detection(_whole(matrix))),
         statements=said,
+    )
+
+
+def without_joining(found: Identification) -> Identification:
+    """Return what no participant's rows need to be joined for, as in a reconstruction, where that is arbitrary."""
+    choice, lapsed, detection = found.choice, found.lapses, found.detection
+    none = (None,) * len(lapsed.lapses if lapsed else ())
+    return replace(
+        found,
+        jackknife=None,
+        choice=choice and replace(choice, similarities=None, biases=None, used=0, statement=""),
+        lapses=lapsed and replace(lapsed, lapse=None, lapses=none, biases=none, known={}, guessing=()),
+        detection=detection and replace(detection, interval=None, by_participant={}, moved=(), statement=""),
+        statements={**found.statements, "joined": LINKED},
     )
 
 

@@ -22,7 +22,7 @@ from palpate.analysis.identification.companion_tests import (
     run_companions,
 )
 from palpate.analysis.identification.confusion import Confusion, confusion_of, in_every, shared
-from palpate.analysis.identification.identify import Identification, identify
+from palpate.analysis.identification.identify import Identification, identify, without_joining
 from palpate.analysis.identification.planned import Planned, planned_tests
 from palpate.analysis.identification.time_course import TimeCourse, course_of
 from palpate.analysis.identification.trial_models import TrialLevel, trial_level
@@ -209,6 +209,8 @@ def compute(
             identify(task.task.id, task.confusion, table, np.random.default_rng([SEED, place]))
             for place, task in enumerate(tasks)
         )
+        if study.origin == "RECONSTRUCTION":
+            identifications = tuple(map(without_joining, identifications))
         say(COMPUTING, 2, STEPS)
         beside_these = run_companions(study, matrices, np.random.default_rng([SEED, len(tasks), FLIPS]))
         say(COMPUTING, 3, STEPS)
@@ -369,6 +371,8 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         ):
             title = f"{task.task.id}: {name} x {who}"
             found.append(Reliability(title, task.task.id, *defined(partial(icc, rows)), dropped))
+    if study.origin == "RECONSTRUCTION":
+        return [replace(one, icc=one.icc and replace(one.icc, forms=one.icc.forms[::3])) for one in found]
     if len(tasks) > 1:
         both = in_every([task.confusion for task in tasks])
         rows = [row for task in tasks for row in _correct(task.confusion, both)]
@@ -376,7 +380,5 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         in_both = set(both)
         dropped = tuple(label for label in anyone if label not in in_both)
         name = f"{len(rows)} correct ratios (material by task) x {plural(len(both), 'participant')} who did every task"
-        linked = "; in a reconstruction, the pairing of rows across tasks is arbitrary"
-        name += linked * (study.origin == "RECONSTRUCTION")
         found.append(Reliability(name, None, *defined(partial(icc, rows)), dropped))
     return found

@@ -35,7 +35,7 @@ from palpate.analysis.statistics.sign_flips import DRAWS
 
 if TYPE_CHECKING:
     from palpate.analysis.identification.planned import Line, Planned
-    from palpate.analysis.identification.results import MaterialTest, Results, TaskResult
+    from palpate.analysis.identification.results import ComponentReliability, MaterialTest, Results, TaskResult
     from palpate.analysis.reading.study import Study
     from palpate.analysis.statistics.anova import Anova, Effect
     from palpate.analysis.statistics.participants import Misfit
@@ -50,14 +50,11 @@ QUESTIONS = {
 """What a test asks where no protocol words it."""
 
 TWO_WAY_ERRS = (
-    "This ANOVA treats each participant's ratios as independent. Depending on how participants differ, it rejects a "
-    "true null in 0 to 31 % of SIMULATED studies (nominal: 5 %). Sign flips need participants who did both tasks."
+    "Ratios count as independent; the error depends on how participants differ (methods: Type I error). No other "
+    "test: {}."
 )
-ONE_WAY_ERRS = "This ANOVA treats four ratios of each participant as independent, so its P is not exact."
-BY_FLIPS = (
-    "These are exact sign-flip tests. They reject a true null in 4 to 6 % of SIMULATED studies (nominal: 5 %); the "
-    "published t-test does so in 4 to 9 %. {} as published are below."
-)
+ONE_WAY_ERRS = "Four ratios of each participant count as independent; P is not exact."
+BY_FLIPS = "The report's {} can err more often (methods: Type I error)."
 OVER = {
     "any population": "At least one participant's answers look more like guessing than like the others'. The "
     "interval for {} is therefore valid for any population of participants.",
@@ -70,8 +67,8 @@ MISFIT = 0.001
 """Where P of a model's fit is below, the first screen warns."""
 
 LOOSE = (
-    "The smaller group varies more than the other ({}). In that case, this test rejects a true null in 11 to 12 % "
-    "of SIMULATED studies of 10 people and in 6 to 8 % of studies of 15 to 40 (nominal: 5 %)."
+    "The smaller group varies more than the other ({}), so P is no less than Welch's t gives on the df of the smaller "
+    "group. Near 0 or 1 this is still too low (methods: Type I error)."
 )
 
 UNDEFINED = "No answer: this test is not defined for this plan and these data."
@@ -275,19 +272,18 @@ def _published(
         case "t against chance":
             if found := [one for one in map(results.task, tasks) if one is not None]:
                 weak = (
-                    _by_flips(results),
+                    BY_FLIPS.format("t-test"),
                     *_rough([(test.material, test.result.n, test.interval) for one in found for test in one.tests]),
                 )
-                return Asked(question, " ".join(_materials_above(one, level) for one in found), mark, weak)
+                said = " ".join(_materials_above(one, level) for one in found)
+                return Asked(question, said, f"{mark}; companion test", weak)
         case "one-way ANOVA":
             if answers := tuple(_told_apart(results, tasks, stands, level)):
-                return Asked(question, " ".join(answers), mark, (ONE_WAY_ERRS,))
+                return Asked(question, " ".join(answers), f"{mark} test", (ONE_WAY_ERRS,))
         case "two-way ANOVA" if len(results.tasks) > 1:
             return _tasks_differ(results, question, mark, level)
-        case "ICC" if results.components and (value := results.components.by_k[0][2]) is not None:
-            k, limits = results.components.by_k[0][0], results.components.intervals[0]
-            said = f"ICC = {number(value)} (95 % CI {interval(limits)}; variance components, mean of {k} participants)."
-            return Asked(question, said, mark)
+        case "ICC" if results.components and results.components.by_k[0][2] is not None:
+            return _reliable(results.components, question, f"{mark} test")
     return Asked(question, UNDEFINED, mark)
 
 
@@ -299,6 +295,17 @@ def _rough(found: Sequence[tuple[str, int, Limits | None]]) -> Iterator[str]:
             yield what.format(joined(list(names)))
     if any(n == 2 and of == "participants" for _, n, of in known):
         yield TWO_ALONE
+
+
+def _reliable(found: ComponentReliability, question: str, mark: str) -> Asked:
+    """Return the ICC of the mean of all participants, and that of one of them."""
+    both = list(zip(found.by_k, found.intervals, strict=True))
+    parts = [
+        f"{number(value)} (95 % CI {interval(limits)}) for {f'the mean of {k} participants' if k > 1 else 'one'}"
+        for (k, _, value), limits in (both[0], both[-1])
+    ]
+    said = f"ICC from variance components: {'; '.join(parts)}."
+    return Asked(question, said, mark, ("The reliability of a mean rises with its number of participants.",))
 
 
 def share(value: float | None, limits: Limits | None) -> str:
@@ -315,16 +322,24 @@ def _materials_above(task: TaskResult, level: float) -> str:
     parts = []
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
-        parts.append(f"above chance ({task.chance:.3g}) for {_listed(shown)} (sign flips, {p_at_most(most)})")
+        parts.append(f"above chance ({task.chance:.3g}) for {listed(shown)}; exact sign-flip tests, {p_at_most(most)}")
     if others:
-        parts.append(f"not shown to be above chance for {_listed(others)}")
-    return f"{_capital(task.task.id)}: {'; '.join(parts) or 'no answers'}."
+        parts.append(f"not shown to be above chance for {listed(others)}")
+    return f"{_sample(task)}: {'; '.join(parts) or 'no answers'}."
 
 
-def _listed(tests: list[MaterialTest]) -> str:
-    return joined([
-        f"{test.material} {share(test.result.mean, test.interval)} ({bounds(test.interval, 2)})" for test in tests
-    ])  # fmt: skip
+def _sample(task: TaskResult) -> str:
+    """Return a task that begins a sentence, with its number of participants."""
+    return f"{_capital(task.task.id)} (n = {len(task.confusion.participants)})"
+
+
+def listed(tests: Sequence[MaterialTest]) -> str:
+    """Return mean ratios with their intervals, the first of which says what they are."""
+    parts = []
+    for place, test in enumerate(tests):
+        limits = f", {'' if place else '95 % CI '}{bounds(test.interval, 2)}" if test.interval else ""
+        parts.append(f"{test.material} ({share(test.result.mean, test.interval)}{limits})")
+    return joined(parts)
 
 
 def _told_apart(results: Results, tasks: tuple[str, ...], stands: Standing, level: float) -> Iterator[str]:
@@ -332,16 +347,11 @@ def _told_apart(results: Results, tasks: tuple[str, ...], stands: Standing, leve
         if pair.task not in tasks or stands.of_pair(pair) == "exploratory" or pair.anova is None:
             continue
         effect = pair.anova.effects[0]
-        if effect.f is not None and effect.p is not None:
+        task = results.task(pair.task)
+        if task is not None and effect.f is not None and effect.p is not None:
             differ = "differ" if effect.p < level else "are not shown to differ"
             how = f"one-way ANOVA of their four answer ratios, {_effect(pair.anova, effect)}"
-            yield f"{_capital(pair.task)}: the answers to {joined(pair.pair)} {differ} ({how})."
-
-
-def _by_flips(results: Results) -> str:
-    """Return what answers in place of the published tests, of which those that are defined are given below."""
-    anova = results.two_way or any(pair.anova for pair in results.pairs)
-    return BY_FLIPS.format("The t-tests and the ANOVA" if anova else "The t-tests")
+            yield f"{_sample(task)}: answers to {joined(pair.pair)} {differ} ({how})."
 
 
 def _effect(anova: Anova, effect: Effect) -> str:
@@ -361,13 +371,16 @@ def _tasks_differ(results: Results, question: str, mark: str, level: float) -> A
         if one.test.mean is not None
     ]
     if paired:
-        return Asked(question, " ".join(paired), mark, (_by_flips(results),))
+        weak = BY_FLIPS.format("two-way ANOVA")
+        return Asked(question, " ".join(paired), f"{mark}; companion test", (weak,))
     if not results.two_way or (effect := results.two_way[1].effects[0]).f is None or effect.p is None:
         return Asked(question, f"No test is defined: {results.two_way_statement or 'F is not defined'}.", mark)
     means = [
-        f"{task.task.id} {sum(test.result.mean or 0.0 for test in task.tests) / len(task.tests):.2f}"
+        f"{task.task.id} {sum(test.result.mean or 0.0 for test in task.tests) / len(task.tests):.2f}, "
+        f"n = {len(task.confusion.participants)}"
         for task in results.tasks
     ]
     differ = "differ" if effect.p < level else "are not shown to differ"
     said = f"Mean ratios ({joined(means)}) {differ} (two-way ANOVA, {_effect(results.two_way[1], effect)})."
-    return Asked(question, said, mark, (TWO_WAY_ERRS,))
+    why = next(iter(results.beside.statements.values()), "nobody did both tasks")
+    return Asked(question, said, f"{mark} test", (TWO_WAY_ERRS.format(why),))

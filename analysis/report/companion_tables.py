@@ -235,7 +235,7 @@ def _tables(found: Marginal) -> tuple[Table, ...]:
     )
 
 
-def lapses_section(results: Results, materials: tuple[str, ...], remark: tuple[str, ...]) -> Section:
+def lapses_section(results: Results, materials: tuple[str, ...]) -> Section:
     """Return what the bias and lapse model says of each task: who lapses, at what, and what is named then."""
     tables = []
     about = ABOUT["lapses"].substitute(held=LAPSES)
@@ -263,7 +263,7 @@ def lapses_section(results: Results, materials: tuple[str, ...], remark: tuple[s
         title = f"{one.task}: biases and lapses"
         table = tabulate(title, LAPSED, side_by_side(records), notes)
         tables.append(replace(table, records=(*records, *further)))
-    return Section("lapses", "Biases and lapses", (about, *remark), tuple(tables))
+    return Section("lapses", "Biases and lapses", (about,), tuple(tables))
 
 
 def _lapse(task: str, quantity: str, of: str, value: float, limits: Jackknife | None) -> Record:

@@ -331,8 +331,9 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
         )
         yield drawing.Sheet(f"confusion{page}", "confusion", said, figure)
 
-    for task in tasks:
-        yield from _participants(task, label, titles=titles)
+    for task, one in zip(tasks, results.identifications, strict=True):
+        if "joined" not in one.statements:
+            yield from _participants(task, label, titles=titles)
     yield from _similarity(results, label, titles=titles)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from palpate.analysis.documents.tables import (
     Column,
@@ -13,7 +13,6 @@ from palpate.analysis.documents.tables import (
     interval,
     joined,
     p_at_most,
-    p_is,
     plural,
     probability,
     tabulate,
@@ -21,8 +20,8 @@ from palpate.analysis.documents.tables import (
 from palpate.analysis.identification.identify import Identification
 from palpate.analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from palpate.analysis.reading.study import Study
-from palpate.analysis.report.answers import share
-from palpate.analysis.report.plan import CHANCE, DIFFER, FOUND, Standing, alpha, planned_questions
+from palpate.analysis.report.answers import listed
+from palpate.analysis.report.plan import CHANCE, FOUND, Standing, alpha, planned_questions
 from palpate.analysis.statistics.shares import Limits
 
 CORRECT = (
@@ -40,8 +39,6 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     both = list(zip(results.tasks, results.identifications, strict=True))
     paragraphs = [*planned_questions(study)]
     paragraphs += [" ".join(_task(task, one, alpha(study, CHANCE, task.task.id))) for task, one in both]
-    level = alpha(study, DIFFER, *(task.task.id for task in results.tasks))
-    paragraphs += [" ".join(_differences(results, level))] * bool(list(_differences(results, level)))
     tested = [(task, test) for task in results.tasks for test in task.tests]
     adjusted = {task.correction is not None for task in results.tasks}
     how = {True: "Holm-adjusted", False: "not adjusted"}
@@ -55,7 +52,7 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     mark = ", ".join(dict.fromkeys(stands.of_any(CHANCE, task.task.id) for task in results.tasks))
     records = [_record(task, test) for task, test in tested]
     table = tabulate("Correct answers", CORRECT, records, notes, standing=mark, in_print=OF_STARS)
-    return Section("found", FOUND, (*paragraphs, *remark), (table,), tuple(_further(results)))
+    return Section("found", FOUND, (*paragraphs, *remark), (table,))
 
 
 def _record(task: TaskResult, test: MaterialTest) -> Record:
@@ -66,27 +63,6 @@ def _record(task: TaskResult, test: MaterialTest) -> Record:
         "p_of_stars": test.p_holm if task.correction else test.result.p, "p_sign_flip_of_stars": task.flip(test),
         "also_in": "tests.csv",
     }  # fmt: skip
-
-
-def _further(results: Results) -> Iterator[Record]:
-    """Yield the other numbers of the sentences, each with the table that has more of it."""
-    for one in results.identifications:
-        if one.jackknife and one.information:
-            bits = one.jackknife
-            yield {"quantity": "information, jackknife (companion), bits", "task": one.task, "value": bits.value,
-                   "low": bits.low, "high": bits.high, "also_in": "confusions.csv"}  # fmt: skip
-    if results.two_way and (effect := results.two_way[1].effects[0]).f is not None:
-        yield {"quantity": "two-way ANOVA, type II, F", "of": effect.name, "statistic": effect.f, "df1": effect.df,
-               "df2": results.two_way[1].residual.df, "p": effect.p, "also_in": "anova.csv"}  # fmt: skip
-    for pair in results.beside.paired:
-        yield {"quantity": "paired difference (companion)", "of": f"{pair.first} - {pair.second}", "n": pair.test.n,
-               "value": pair.test.mean, **ends(pair.interval), "statistic": pair.test.t, "df1": pair.test.df,
-               "p": pair.test.p, "p_sign_flip_ours": pair.flip.p, "also_in": "beside.csv"}  # fmt: skip
-    for task, lines in results.beside.materials.items():
-        for line in lines:
-            yield {"quantity": "repeated measures (companion), F", "task": task, "of": line.effect, "n": line.n,
-                   "statistic": line.f, "df1": line.df1, "df2": line.df2, "p": line.p,
-                   "also_in": "beside.csv"}  # fmt: skip
 
 
 def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
@@ -126,9 +102,9 @@ def _tested(task: TaskResult, level: float) -> Iterator[str]:
     first = True
     for which, (whole, short) in said.items():
         if which in groups:
-            listed = _listed(groups[which])
+            names = listed(groups[which])
             how = f"correct more often than expected by chance ({task.chance:.4g})"
-            yield whole.format(how, listed) if first or not short else short.format(listed)
+            yield whole.format(how, names) if first or not short else short.format(names)
             first = False
 
 
@@ -145,44 +121,9 @@ def _untested(task: TaskResult, level: float) -> Iterator[str]:
         return
     alone = all(test.result.n == 1 for test in found)
     why = "one participant gives no variance" if alone else "the ratios of all participants are the same"
-    yield f"Correct answer ratios: {_listed(found)}; chance is {task.chance:.4g}. The t-test has no P, because {why}."
+    yield f"Correct answer ratios: {listed(found)}; chance is {task.chance:.4g}. The t-test has no P, because {why}."
     shown = [test for test in found if task.shows_above(test, task.flip(test), level)]
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
         names = "all of them" if len(shown) == len(found) > 1 else joined([test.material for test in shown])
         yield f"Exact sign-flip tests show answers above chance for {names} ({p_at_most(most)})."
-
-
-def _listed(tests: Sequence[MaterialTest]) -> str:
-    parts = []
-    for place, test in enumerate(tests):
-        limits = f", {'' if place else '95 % CI '}{bounds(test.interval, 2)}" if test.interval else ""
-        parts.append(f"{test.material} ({share(test.result.mean, test.interval)}{limits})")
-    return joined(parts)
-
-
-def _differences(results: Results, level: float) -> Iterator[str]:
-    """Yield what the tests of tasks and materials say, the published ANOVA first, then ours."""
-    if results.two_way and (effect := results.two_way[1].effects[0]).f is not None and effect.p is not None:
-        df = f"{effect.df}, {results.two_way[1].residual.df}"
-        differ = "differ" if effect.p < level else "are not shown to differ"
-        yield f"The tasks {differ} in the two-way ANOVA (F({df}) = {effect.f:.2f}, {p_is(effect.p)})."
-    for one in results.beside.paired:
-        mean, p = one.test.mean, one.test.p
-        if mean is not None and p is not None:
-            yield (
-                f"For the {one.test.n} participants who did both tasks, {one.first} minus {one.second} is {mean:.3f} "
-                f"(95 % CI {interval(one.interval)}; t({one.test.df}) = {one.test.t:.2f}, {p_is(p)}; sign flips, "
-                f"{p_is(one.flip.p)})."
-            )
-            if one.flip.least >= level:
-                yield f"So few participants differ that the sign-flip P cannot be below {one.flip.least:.3g}."
-    told = []
-    for task, lines in results.beside.materials.items():
-        (line,) = lines
-        if line.f is not None and line.p is not None:
-            differ = "differ" if line.p < level else "are not shown to differ"
-            test = f"F({line.df1}, {line.df2}) = {line.f:.2f}, {p_is(line.p)}"
-            told.append(f"the materials in {task} {differ} ({test})")
-    if told:
-        yield f"Repeated measures: {joined(told)}."

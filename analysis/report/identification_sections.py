@@ -17,6 +17,7 @@ from palpate.analysis.documents.tables import (
     bounds,
     count_of,
     ends,
+    joined,
     number,
     p_is,
     plural,
@@ -34,12 +35,6 @@ from palpate.analysis.report.answers import misfit_words
 from palpate.analysis.report.plan import ABOUT
 from palpate.analysis.statistics.participants import Jackknife
 from palpate.analysis.statistics.shares import Limits
-
-ARBITRARY = (
-    "In a reconstruction, the assignment of rows to participants is arbitrary. Values for each participant, and "
-    "intervals that resample participants, are valid only for this assignment."
-)
-
 
 INTERVALS = (
     Column("presented", left=True), Column("answered", left=True), Column(("count", "trials"), "count", show=count_of),
@@ -74,7 +69,7 @@ def intervals_section(results: Results) -> Section:
     return Section("intervals", "Intervals of the answer ratios", (about,), tuple(tables), brief=tuple(brief))
 
 
-def confusions_section(results: Results, materials: tuple[str, ...], remark: tuple[str, ...]) -> Section:
+def confusions_section(results: Results, materials: tuple[str, ...]) -> Section:
     """Return information, d', the similarity-choice model, and confusion against dissimilarity."""
     found = results.identifications
     quantities = {one.task: _quantities(one, materials) for one in found}
@@ -88,17 +83,17 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
     names = {
         "information": "The information", "information interval": "The interval for the information", "d'": "The d'",
         "choice": "The similarity-choice model", "lapses": "The bias and lapse model", "scaling": "The map",
-        "mantel": "Mantel's test",
+        "mantel": "Mantel's test", "joined": "What needs a participant's answers to several materials",
     }  # fmt: skip
-    reasons = tuple(
-        f"{names[key]} is not defined for {one.task}: {reason}."
-        for one in found
-        for key, reason in one.statements.items()
-    )
+    missing: dict[tuple[str, str], list[str]] = {}
+    for one in found:
+        for key, reason in one.statements.items():
+            missing.setdefault((key, reason), []).append(one.task)
+    reasons = tuple(f"{names[key]} is not defined for {joined(of)}: {why}." for (key, why), of in missing.items())
     # The records stand by task, not by table.
     shown = tuple(replace(table, records=()) for table in tables if table.rows)
     records = tuple(record for task in quantities.values() for record in task)
-    return Section("confusions", "Information, d', similarity and bias", (*remark, *reasons), shown, records)
+    return Section("confusions", "Information, d', similarity and bias", reasons, shown, records)
 
 
 TASK = Column("task", left=True)

@@ -319,8 +319,10 @@ EXCLUSIONS = (
 )  # fmt: skip
 
 
+EXCLUDED = "Excluded attempts"
+
 RULES = (
-    Column("rule", left=True), Column("count", "left out"), Column("action", "what it leaves out", left=True),
+    Column("rule", left=True), Column("count", "excluded"), Column("action", "what it excludes", left=True),
     Column("when", left=True),
 )  # fmt: skip
 
@@ -329,10 +331,11 @@ def exclusions_section(study: Study) -> Section:
     """Return everything that was left out: by rule with counts, those of the protocol that left out nothing too."""
     records = tuple({**asdict(one), "participant": f"sub-{one.participant}"} for one in study.exclusions)
     count = len(study.attempts) - int(study.attempts["included"].sum())
+    total = len(study.attempts)
     about = (
-        f"{count} of {len(study.attempts)} attempts are excluded from the analysis."
+        f"{count:,} of {total:,} attempts were excluded; {total - count:,} trials are analyzed."
         if records
-        else "No attempts were excluded: every attempt in the dataset is analyzed."
+        else f"All {total:,} attempts (one per trial) are analyzed."
     )
     by_rule = _by_rule(study)
     brief = replace(tabulate("Rules", RULES, by_rule), records=())
@@ -340,10 +343,10 @@ def exclusions_section(study: Study) -> Section:
         shown = (replace(brief, standing=_rules_standing(study)),) if by_rule else ()
         # A table without a row could not say what the dataset is.
         none = {**dict.fromkeys(field.name for field in fields(Exclusion)), "reason": "nothing was left out"}
-        return Section("exclusions", "Left out", (about, *_unasked(study)), shown, further=(none,))
+        return Section("exclusions", EXCLUDED, (about, *_unasked(study)), shown, further=(none,))
     each = replace(tabulate("", EXCLUSIONS, map(asdict, study.exclusions)), records=records)
     brief = replace(brief, notes=("The report and exclusions.csv list each one.",))
-    section = Section("exclusions", "Left out", (about, *_unasked(study)), (each,), brief=(brief,), folded=True)
+    section = Section("exclusions", EXCLUDED, (about, *_unasked(study)), (each,), brief=(brief,), folded=True)
     return marked(section, _rules_standing(study))
 
 

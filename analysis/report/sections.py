@@ -40,7 +40,6 @@ from palpate.analysis.report import plan as plans
 from palpate.analysis.report.answers import answers_section, planned_sections
 from palpate.analysis.report.found import found_section
 from palpate.analysis.report.identification_sections import (
-    ARBITRARY,
     confusions_section,
     course_section,
     intervals_section,
@@ -78,8 +77,9 @@ def icc_section(results: Results) -> Section:
         ]  # fmt: skip
         tables.append(tabulate(one.matrix, FORMS, records, _icc_notes(one)))
     shown: list[Record] = [
-        {"matrix": r.matrix, **{name: r.icc and r.icc.form(name).value for name in NAMES}}
+        dict.fromkeys(NAMES) | {form.shrout_fleiss: form.value for form in forms} | {"matrix": r.matrix}
         for r in results.reliabilities
+        for forms in [r.icc.forms if r.icc else ()]
     ]
     told = dict.fromkeys(note for r in results.reliabilities for note in _icc_notes(r, FEW))
     more = "The report and icc.csv contain F, P and the intervals."
@@ -143,7 +143,6 @@ def sections(
 
     `beside_print` is what an audit made of the printed numbers.
     """
-    remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
     alone, common = _presented(results)
     stands = plans.standing(study, printed)
     tasks = [task.task.id for task in results.tasks]
@@ -156,7 +155,7 @@ def sections(
             *planned_sections(results),
             plans.marked(confusion_section(results), *against),
             plans.marked(tests_section(results), *against),
-            anova_section(results, (*remark, *common), stands),
+            anova_section(results, common, stands),
         ),
         plans.BESIDE: (
             companion_tables.beside_section(results.beside, stands, common),
@@ -164,21 +163,21 @@ def sections(
             plans.marked(companion_tables.equivalence_section(results), f"{plans.OURS}, {plans.EXPLORATORY}"),
         ),
         "Exploratory": (
-            plans.marked(confusions_section(results, study.materials, remark), plans.EXPLORATORY),
+            plans.marked(confusions_section(results, study.materials), plans.EXPLORATORY),
             plans.marked(trials_section(results), plans.EXPLORATORY),
         ),
-        "Left out": (plans.exclusions_section(study),),
+        plans.EXCLUDED: (plans.exclusions_section(study),),
         ON_METHODS: (
             plans.marked(icc_section(results), *plans.icc_marks(study, stands, results)),
             plans.marked(intervals_section(results), *(stands.ours(plans.T, task) for task in tasks)),
-            plans.marked(companion_tables.lapses_section(results, study.materials, remark), plans.EXPLORATORY),
+            plans.marked(companion_tables.lapses_section(results, study.materials), plans.EXPLORATORY),
             plans.marked(course_section(results.course), plans.EXPLORATORY),
             *(plans.marked(section, plans.DESCRIPTIVE) for section in checks),
         ),
     }
     return (
         answers_section(study, results, stands, (*common, *left_out(study))),
-        found_section(study, results, (*remark, *alone), stands),
+        found_section(study, results, alone, stands),
         overview_section(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )

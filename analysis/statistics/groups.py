@@ -3,6 +3,8 @@
 All ways to make groups of these sizes count, or are drawn (Pitman 1937, Suppl. J. R. Stat. Soc. 4, 119-130). Their
 statistic is Welch's t, so that P is exact where the groups are of one population, and of many participants also holds
 where one varies more (Janssen 1997, Stat. Probab. Lett. 36, 9-21; Chung and Romano 2013, Ann. Stat. 41, 484-507).
+If the smaller group varies more, P is no less than Welch's t gives on that group's df alone, which bounds it for normal
+values (Mickey and Brown 1966, Ann. Math. Stat. 37, 639-642).
 Interval: Newcombe (1998, Stat. Med. 17, 873-890).
 """
 
@@ -12,6 +14,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtr
 
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers, mean_shares
 from palpate.analysis.statistics.shares import Limits, modelled, squared_limits
@@ -20,16 +24,13 @@ from palpate.analysis.statistics.sign_flips import DRAWS
 DRAWN = 1999
 """So many ways are drawn for many studies at once, where there are more."""
 
-UNLIKE = 2.0
-"""Where the variance of the smaller group is more than so many times that of the other, its test may err."""
-
 
 @dataclass(frozen=True)
 class Apart:
     """How far the means of two groups of `n` participants in all lie apart, the first less the second.
 
     `p` is two-sided, and not below `least`; `error` is its Monte Carlo standard error where ways are drawn, else None.
-    `loose`: the smaller group has more than `UNLIKE` times the other's variance, so that P is too often small.
+    `loose`: the smaller group varies more than the other, so P is no less than that of its own df.
     """
 
     n: int
@@ -65,9 +66,18 @@ def difference(one: Sequence[Number], other: Sequence[Number], rng: np.random.Ge
     p = hits / ways if ways <= DRAWS else (hits + 1) / (DRAWS + 1)
     value = float(sum(whole[: sizes[0]]) / sizes[0] - sum(whole[sizes[0] :]) / sizes[1]) / common
     error = math.sqrt(p * (1 - p) / DRAWS) if ways > DRAWS else None
-    small, large = sorted((values[: sizes[0]], values[sizes[0] :]), key=len)
-    loose = len(small) < len(large) and bool(small.var(ddof=1) > UNLIKE * large.var(ddof=1))
-    return Apart(people, value, p, (1 + (sizes[0] == sizes[1])) / ways, error, loose)
+    bounded, loose = _bounded(np.array(p), values[: sizes[0]], values[sizes[0] :])
+    return Apart(people, value, float(bounded), (1 + (sizes[0] == sizes[1])) / ways, error, bool(loose))
+
+
+def _bounded(p: Floats, one: Floats, other: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return P, no less than Welch's t gives on the df of the smaller group where that varies more, and where."""
+    small, large = sorted((one, other), key=lambda of: of.shape[-1])
+    few, spread, wide = small.shape[-1], small.var(axis=-1, ddof=1), large.var(axis=-1, ddof=1)
+    loose = (spread > wide) & (few < large.shape[-1])
+    error = np.sqrt(np.where(loose, spread / few + wide / large.shape[-1], 1.0))
+    t = abs(small.mean(axis=-1) - large.mean(axis=-1)) / error
+    return np.where(loose, np.maximum(p, 2 * stdtr(few - 1, -t)), p), loose
 
 
 def regrouped(values: Floats, first: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -116,7 +126,7 @@ def difference_tests(one: Floats, other: Floats) -> Floats:
     found = _welch(values @ chosen.T, values**2 @ chosen.T, values, first)
     reached = _welch(one.sum(axis=1, keepdims=True), (one**2).sum(axis=1, keepdims=True), values, first)
     p = (np.count_nonzero(found >= reached * (1 - 1e-9), axis=1) + drawn) / (len(chosen) + drawn)
-    return np.where(np.ptp(values, axis=1) > 1e-12, p, np.nan)
+    return np.where(np.ptp(values, axis=1) > 1e-12, _bounded(p, one, other)[0], np.nan)
 
 
 def compared(right: Integers, trials: Integers, members: Sequence[Sequence[bool]], rng: np.random.Generator) -> Apart:

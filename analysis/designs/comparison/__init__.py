@@ -118,7 +118,7 @@ def sections(study: Study, results: Compared, printed: Published | None) -> tupl
             *crossovers(results, stands),
         ),
         "Exploratory": (plan.marked(_bias(results), plan.EXPLORATORY),),
-        "Left out": (plan.exclusions_section(study),),
+        plan.EXCLUDED: (plan.exclusions_section(study),),
         ON_METHODS: tuple(
             plan.marked(one, plan.DESCRIPTIVE) for one in (*beside, *force_sections(study), *heard_sections(study))
         ),

@@ -83,7 +83,7 @@ def sections(study: Study, found: Detections, printed: Published | None, _: Sect
             plan.marked(_tracks(found), plan.mark_of(stands, THRESHOLD, ids)),
             plan.marked(_sensitivity(found), plan.mark_of(stands, SENSITIVITY, ids)),
         ),
-        "Left out": (plan.exclusions_section(study),),
+        plan.EXCLUDED: (plan.exclusions_section(study),),
         ON_METHODS: tuple(plan.marked(one, plan.DESCRIPTIVE) for one in heard_sections(study)),
     }
     return (

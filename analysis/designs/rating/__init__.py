@@ -78,7 +78,7 @@ def sections(study: Study, found: Ratings, printed: Published | None, _: Section
             plan.marked(_agreement(found), plan.mark_of(stands, AGREEMENT, ids)),
             plan.marked(_power(found), plan.mark_of(stands, POWER, ids)),
         ),
-        "Left out": (plan.exclusions_section(study),),
+        plan.EXCLUDED: (plan.exclusions_section(study),),
         ON_METHODS: tuple(plan.marked(one, plan.DESCRIPTIVE) for one in heard_sections(study)),
     }
     return (

@@ -39,7 +39,7 @@ def test_corrections_beyond_what_can_be_transmitted(tmp_path: Path, approved: Sn
     level = trials([(shown, said) for shown in MATERIALS for said in MATERIALS])
     sessions = {str(k): {"virtual": perfect, "real": level} for k in range(4)}
     study = read(write_dataset(tmp_path, sessions))
-    found = confusions_section(compute(study, {}), study.materials, ()).tables[0]
+    found = confusions_section(compute(study, {}), study.materials).tables[0]
     assert found.rows[0][2] == "1.585"
     assert found.rows[0][4:6] == ("1.615", "1.615")
     assert found.notes[1:] == approved
@@ -60,7 +60,7 @@ def test_who_never_answered_a_material_is_named_beside_the_answers(tmp_path: Pat
 
 def test_the_interval_of_the_information(tmp_path: Path, approved: SnapshotAssertion) -> None:
     study = read(write_dataset(tmp_path, {"1": {"virtual": balanced(1)}}))
-    said = confusions_section(compute(study, {}), study.materials, ()).paragraphs
+    said = confusions_section(compute(study, {}), study.materials).paragraphs
     assert said == approved
 
 
@@ -72,7 +72,7 @@ def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_tr
     rows = trials(zip(("glass", "sand", "snow", "glass", "sand"), said, strict=True))
     study = read(write_dataset(tmp_path, {str(who): {"real": rows} for who in (1, 2)}, tasks=("real",)))
     results = compute(study, {})
-    tables = confusions_section(results, study.materials, ()).tables
+    tables = confusions_section(results, study.materials).tables
     (notes,) = [table.notes for table in tables if "similarity-choice" in table.title]
     assert not any("Brackets show" in note for note in notes)
     assert notes == approved
