@@ -6,7 +6,7 @@ with a random intercept alone a quarter of studies err, and GEE lacks degrees of
 Speed and Milliken (1980, Am. Stat. 34, 216-221). Equivalence has tests of its own, of tasks, and of pairs of materials.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -21,7 +21,7 @@ from palpate.analysis.statistics import mixed_logit
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Statements
 from palpate.analysis.statistics.inference import CONFIDENCE, EffectSize, TTest, cohens_d, holm, t_against_chance
 from palpate.analysis.statistics.participants import Equivalence, Repeated, equivalence, repeated
-from palpate.analysis.statistics.shares import Limits, difference_limits
+from palpate.analysis.statistics.shares import EDGE, Limits, difference_limits
 from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 
 LEAST = 6
@@ -358,11 +358,11 @@ def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
     names = next(iter(tasks.values())).materials
     said: list[str] = []
 
-    def tested(of: tuple[str, ...], values: Sequence[tuple[str, Floats]]) -> list[Equivalent]:
+    def tested(of: tuple[str, ...], values: Sequence[tuple[str, Callable[[], Floats]]]) -> list[Equivalent]:
         found = []
         for subject, each in values:
             try:
-                found.append((subject, equivalence(each, MARGIN)))
+                found.append((subject, equivalence(each(), MARGIN)))
             except NotDefined as reason:
                 said.append(f"equivalence of {subject} in {' and '.join(of)} is not defined: {reason}")
         adjusted = holm(np.array([one.p for _, one in found])).tolist()
@@ -377,14 +377,26 @@ def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
             continue
         right, trials = right[:, :, places], trials[:, :, places]
         both = (trials > 0).all(axis=(1, 2))
-        gaps = np.subtract(*np.moveaxis(right[both] / trials[both], 1, 0))
-        between += tested(of, [(ALL if len(places) == len(names) else SHARED, gaps.mean(axis=1))])
-        between += tested(of, list(zip((names[place] for place in places), gaps.T, strict=True)))
+        counts = [each[both].transpose(1, 2, 0) for each in (right, trials)]
+        between += tested(of, [(ALL if len(places) == len(names) else SHARED, partial(equivalent_gaps, *counts))])
+        single = [partial(equivalent_gaps, *(each[:, [k]] for each in counts)) for k in range(len(places))]
+        between += tested(of, list(zip((names[place] for place in places), single, strict=True)))
     pairs: list[Equivalent] = []
     for task, matrix in tasks.items():
         apart = told_apart(matrix).items()
-        pairs += tested((task,), [(f"{names[a]} and {names[b]}", values) for (a, b), values in apart])
+        pairs += tested((task,), [(f"{names[a]} and {names[b]}", partial(np.asarray, one)) for (a, b), one in apart])
     return Equivalences(tuple(between), tuple(pairs), tuple(said))
+
+
+def equivalent_gaps(right: Integers, trials: Integers) -> Floats:
+    """Return how much more often each participant is right in the first task, from counts (tasks, materials, people).
+
+    Raises `NotDefined` near 0 and 1, where skewed differences are shown to be equivalent too often.
+    """
+    shares = (right / trials).mean(axis=1)
+    if not all(EDGE <= mean <= 1 - EDGE for mean in shares.mean(axis=1)):
+        raise NotDefined(f"a proportion is below {EDGE:g} or above {1 - EDGE:g}, where this test errs too often")
+    return np.asarray(shares[0] - shares[1])
 
 
 def told_apart(matrix: Confusion) -> dict[tuple[int, int], Floats]:

@@ -128,7 +128,7 @@ def without_joining(found: Identification) -> Identification:
         jackknife=None,
         choice=choice and replace(choice, similarities=None, biases=None, used=0, statement=""),
         lapses=lapsed and replace(lapsed, lapse=None, lapses=none, biases=none, known={}, guessing=()),
-        detection=detection and replace(detection, interval=None, by_participant={}, moved=(), statement=""),
+        detection=detection and replace(detection, interval=None, by_participant={}, moved=()),
         statements={**found.statements, "joined": LINKED},
     )
 

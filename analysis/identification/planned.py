@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.analysis.documents.tables import plural
-from palpate.analysis.identification.companion_tests import LINKED, MARGIN, slopes_logit, told_apart
+from palpate.analysis.identification.companion_tests import LINKED, MARGIN, equivalent_gaps, slopes_logit, told_apart
 from palpate.analysis.identification.confusion import Confusion, shared
 from palpate.analysis.reading.study import Study
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Statements, mean_gaps
@@ -194,7 +194,7 @@ def _equivalent(plan: PlannedTest, _: Study, tasks: Tasks, __: np.random.Generat
         return [Line(of, subject, one.n, one.p, one.mean, Limits(one.low, one.high, 1 - 2 * plan.alpha))]
 
     def gap_lines(of: tuple[str, ...]) -> list[Line]:
-        return line(of, "", np.array(mean_gaps(*_counts(plan, *(tasks[task] for task in of))[1:]), dtype=np.float64))
+        return line(of, "", equivalent_gaps(*_counts(plan, *(tasks[task] for task in of))[1:]))
 
     if len(plan.tasks) > 1:
         yield from ((" and ".join(of), partial(gap_lines, of)) for of in combinations(tasks, 2))

@@ -14,6 +14,7 @@ import numpy as np
 from palpate.analysis.documents.tables import plural
 from palpate.analysis.forked import forked
 from palpate.analysis.identification.companion_tests import (
+    LINKED,
     Beside,
     Equivalences,
     Marginal,
@@ -372,7 +373,10 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
             title = f"{task.task.id}: {name} x {who}"
             found.append(Reliability(title, task.task.id, *defined(partial(icc, rows)), dropped))
     if study.origin == "RECONSTRUCTION":
-        return [replace(one, icc=one.icc and replace(one.icc, forms=one.icc.forms[::3])) for one in found]
+        return [
+            replace(one, icc=replace(one.icc, forms=one.icc.forms[::3]), statement=LINKED) if one.icc else one
+            for one in found
+        ]
     if len(tasks) > 1:
         both = in_every([task.confusion for task in tasks])
         rows = [row for task in tasks for row in _correct(task.confusion, both)]

@@ -187,8 +187,9 @@ def _answer(one: Planned, question: str, mark: str) -> Asked:
     ]
     family = "" if one.plan.correction is None else f"; P is Holm-adjusted across the {one.plan.correction}"
     levels = {line.interval.confidence for line in one.lines if line.interval}
-    limits = "".join(f", with {100 * level:g} % intervals" for level in levels)
-    said += [f"{words.how}{limits}{family}."] * bool(one.lines)
+    limits = "".join(f", with {100 * level:g} % CI" for level in levels)
+    people = " to ".join(dict.fromkeys(f"{pick(line.n for line in one.lines)}" for pick in (min, max) if one.lines))
+    said += [f"{words.how} (n = {people}){limits}{family}."] * bool(one.lines)
     said += [f"No test of {name}: {why}." for name, why in one.statements.items()]
     return Asked(question, " ".join(said), mark, tuple(weak(one)))
 

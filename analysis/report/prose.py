@@ -156,11 +156,11 @@ def _two_way(rows: Sections, _: Sequence[str]) -> Iterator[str]:
     for row in rows["anova"]:
         if row.record["analysis"] == "two-way, type II" and row.record.get("f") is not None:
             yield f"In the two-way ANOVA (type II), the effect of {row.record['source']} had {_f(row, rows)}."
-    for row in rows["found"]:
-        if (one := row.record)["quantity"].startswith("paired difference") and one["p"] is not None:
-            parts = [f"M = {bounded(one['value'])}", *_interval(one, 0.95), f"t({one['df1']}) = {one['statistic']:.2f}"]
-            parts += [p_value(one["p"]), f"exact sign-flip test, {p_value(one['p_sign_flip_ours'])}"]
-            yield f"For the {one['n']} participants who did both tasks, {one['of']} was {', '.join(parts)} {row}."
+    for row in rows.get("beside", ()):
+        if (one := row.record)["analysis"].startswith("paired tasks") and one["p"] is not None:
+            parts = [f"M = {bounded(one['mean'])}", *_interval(one, 0.95), f"t({one['df']}) = {one['t']:.2f}"]
+            parts += [p_value(one["p"]), f"exact sign-flip test, {p_value(one['p_sign_flip'])}"]
+            yield f"For the {one['n']} participants who did both tasks, {one['task']} was {', '.join(parts)} {row}."
 
 
 def _icc(rows: Sections, _: Sequence[str]) -> Iterator[str]:

@@ -95,7 +95,8 @@ def icc_section(results: Results) -> Section:
 
 def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, ...]:
     of = reliability.task or "all tasks together"
-    notes = [f"The ICC is not defined: {reliability.statement}."] * bool(reliability.statement)
+    which = "ICC(2,.) and ICC(3,.) are" if reliability.icc else "The ICC is"
+    notes = [f"{which} not defined: {reliability.statement}."] * bool(reliability.statement)
     forms: dict[str, list[str]] = {}
     for form in reliability.icc.forms if reliability.icc else ():
         if form.statement and (most is None or form.value is None):

@@ -17,6 +17,7 @@ from jsonschema import Draft202012Validator
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.analyse import Analysis, analyse
+from palpate.analysis.identification.companion_tests import LINKED
 from palpate.experiment.dataset.bids import LABELS
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import software
@@ -85,8 +86,7 @@ def test_the_variance_component_icc_is_that_of_the_reference(okamoto: Analysis) 
 
 def test_every_icc_says_which_matrix_it_is_of(okamoto: Analysis) -> None:
     found = [(r.icc.targets, r.icc.raters) for r in okamoto.results.reliabilities if r.icc]
-    assert found == [(16, 15), (4, 15), (16, 10), (4, 10), (8, 10)]
-    assert "across tasks is arbitrary" in okamoto.results.reliabilities[-1].matrix
+    assert found == [(16, 15), (4, 15), (16, 10), (4, 10)]
     assert all(f"x {r.icc.raters} participants" in r.matrix for r in okamoto.results.reliabilities if r.icc)
 
 
@@ -145,10 +145,37 @@ def test_each_published_question_has_one_answer_with_what_weakens_it(okamoto: An
     """t of the real task and sign flips agree; both analyses of variance take ratios as independent."""
     first = okamoto.sections[0]
     assert [(one.standing, len(one.warnings)) for one in first.asked] == [
-        ("published", 1), ("published", 1), ("published", 1), ("published", 0),
+        ("published; companion test", 1), ("published test", 1), ("published test", 1), ("published test", 1),
     ]  # fmt: skip
     answers = [one.answer for one in first.asked]
-    assert all(number in said for number, said in zip(("0.79", "2.12", "7.49", "0.968"), answers, strict=True))
+    numbers = ("n = 15", "n = 10", "95 % CI 0.64"), ("2.12", "n = 15"), ("7.49", "n = 10"), ("0.968", "25", "0.550")
+    assert all(number in said for of, said in zip(numbers, answers, strict=True) for number in of)
+    assert "10 differ" in first.paragraphs[-1]
+
+
+def test_a_reconstruction_gives_nothing_that_joins_rows_of_a_participant(okamoto: Analysis) -> None:
+    """Printed tables do not say which rows are of one person; the same data of participants give all of it."""
+    found = okamoto.results
+    assert (found.beside.materials, found.beside.both, found.beside.paired, found.beside.logit) == ({}, (), (), None)
+    assert list(found.beside.statements.values()) == [LINKED]
+    for one in found.identifications:
+        assert one.statements == {"joined": LINKED}
+        assert one.information
+        assert one.jackknife is None
+        assert one.choice
+        assert one.choice.misfit
+        assert one.choice.similarities is one.choice.biases is None
+        assert one.detection
+        assert (one.detection.interval, one.detection.by_participant) == (None, {})
+        assert one.lapses
+        assert {one.lapses.lapse, *one.lapses.lapses, *one.lapses.biases} == {None}
+    forms = {form.shrout_fleiss for one in found.reliabilities if one.icc for form in one.icc.forms}
+    assert forms == {"ICC(1,1)", "ICC(1,k)"}
+    assert not [path for path in okamoto.files if path.name.startswith("participants-")]
+    report = okamoto.report.read_text("utf-8")
+    assert report.count(LINKED) == 5
+    (paper,) = re.findall(r'</h1><p class="source">(.*?)</p>', report)
+    assert "(2012)" in paper
 
 
 def test_the_report_has_3500_words_at_most(okamoto: Analysis) -> None:
@@ -164,7 +191,7 @@ def test_every_table_says_whether_it_was_planned_published_ours_or_exploratory(o
     by_slug = {slug: {mark for (of, _), mark in marks.items() if of == slug} for slug, _ in marks}
     published = ("found", "confusion", "tests", "icc")
     assert {slug: by_slug[slug] for slug in published} == {slug: {"published"} for slug in published}
-    assert by_slug["beside"] == by_slug["intervals"] == {"companion"}
+    assert by_slug["intervals"] == {"companion"}
     assert by_slug["confusions"] == {"exploratory"}
     one_way = {title.split(":")[0]: mark for (_, title), mark in marks.items() if title.startswith("One-way")}
     assert one_way == {"One-way, virtual": "published", "One-way, real": "exploratory"}
@@ -246,14 +273,14 @@ def test_the_report_needs_nothing_else(okamoto: Analysis) -> None:
     assert page.loads == ["methods.html"]
     assert {target.removeprefix("#") for target in page.targets} <= set(page.ids)
     assert not re.search(r"@import|url\((?!#)", text)
-    assert text.count("<svg ") == sum(path.suffix == ".svg" for path in okamoto.files) == 6
+    assert text.count("<svg ") == sum(path.suffix == ".svg" for path in okamoto.files) == 4
 
 
 def test_the_report_states_label_exclusions_and_formulas(okamoto: Analysis) -> None:
     text = okamoto.report.read_text(encoding="utf-8")
     body = text[text.index("<body>") :]
     assert body.startswith(f'<body><div class="band" role="note">{LABELS["RECONSTRUCTION"]}')
-    assert "No attempts were excluded" in body
+    assert "1,000 attempts" in body
     body = (okamoto.out / "methods.html").read_text(encoding="utf-8")
     for name in ("Holm", "Henderson", "ICC(A,1)", "Type III", "Cohen", "seeded with [1, index of the task"):
         assert name in body

@@ -121,7 +121,7 @@ def test_a_title_stands_inside_of_a_figure_for_slides_alone(tmp_path: Path) -> N
 
 def test_the_published_studys_figures(repository_root: Path) -> None:
     found = _sheets(repository_root / "participants" / "okamoto2012", printed_dissimilarities())
-    names = ["correct-ratios", "confusion", "participants-virtual", "participants-real", "map", "dissimilarity"]
+    names = ["correct-ratios", "confusion", "map", "dissimilarity"]
     assert [one.name for one in found] == names
     check(found)
 

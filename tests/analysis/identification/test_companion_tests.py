@@ -105,14 +105,6 @@ def test_everything_of_ours_says_so(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def test_a_reconstruction_links_no_rows(repository_root: Path) -> None:
-    found = compute(read(repository_root / "participants" / "okamoto2012"), {}).beside
-    assert (found.both, found.paired, found.logit) == ((), (), None)
-    assert set(found.materials) == {"virtual", "real"}
-    assert all("is arbitrary" in why for why in found.statements.values())
-    assert len(found.statements) == 2
-
-
 def test_what_few_or_perfect_participants_leave_open_is_said(tmp_path: Path, approved: SnapshotAssertion) -> None:
     few = compute(_study(tmp_path / "few", 4), {}).beside
     (why,) = few.statements.items()

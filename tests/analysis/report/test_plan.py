@@ -107,7 +107,7 @@ def test_what_is_planned_is_marked_and_a_new_study_is_no_published_one(root: Pat
         "Planned results",
         BESIDE,
         "Exploratory",
-        "Left out",
+        "Excluded attempts",
         ON_METHODS,
     }
 

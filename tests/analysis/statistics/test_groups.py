@@ -38,6 +38,19 @@ def test_a_smaller_group_that_varies_more_is_marked(one: list[int], other: list[
     assert difference(one, other, np.random.default_rng(1)).loose is loose
 
 
+def test_a_smaller_group_that_varies_more_has_no_less_p_than_on_its_own_df() -> None:
+    """0, 4, 8 beside 8, 9, 9, 9, 9, 10: t is 5 / sqrt(16/3 + 0.4/6) = 2.152, and the two-sided P of t on 2 df is
+    1 - t / sqrt(t^2 + 2); of all 84 ways 2 have such a t."""
+    one, other = [0, 4, 8], [8, 9, 9, 9, 9, 10]
+    t = 5 / (16 / 3 + 0.4 / 6) ** 0.5
+    for pair in ((one, other), (other, one)):
+        found = difference(*pair, np.random.default_rng(1))
+        assert found.loose
+        assert found.p == pytest.approx(1 - t / (t * t + 2) ** 0.5)
+        (many,) = difference_tests(np.array([pair[0]]) / 10, np.array([pair[1]]) / 10)
+        assert many == pytest.approx(found.p)
+
+
 def test_many_studies_have_the_p_of_each() -> None:
     values = np.random.default_rng(3).integers(0, 5, (40, 9)) / 4
     values[0] = 0.5
