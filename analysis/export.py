@@ -78,15 +78,26 @@ def files(study: Study) -> dict[str, bytes]:
 
 
 def _with_factors(study: Study, trials: pd.DataFrame) -> dict[str, tuple[str, str]]:
-    """Add to a table of trials the value of each factor of each stimulus, and return what these columns are."""
+    """Add to a table of trials the site and each factor of each stimulus, and return what these columns are."""
     described: dict[str, tuple[str, str]] = {}
     factors = dict.fromkeys(name for values in study.factors.values() for name in values)
-    for place in (one for one in PRESENTED if one in trials and trials[one].isin(study.factors).any()):
-        for name in factors:
+    sites = _sites(study)
+    for place in (one for one in PRESENTED if one in trials):
+        for name in factors if trials[place].isin(study.factors).any() else ():
             values = {material: of[name] for material, of in study.factors.items()}
             trials[f"{place}_{name}"] = trials[place].map(values)
             described[f"{place}_{name}"] = (f"factor {name} of the material in the column {place}", "number")
+        if sites:
+            trials[f"{place}_site"] = trials[place].map(sites)
+            described[f"{place}_site"] = (f"site of the body of the material in the column {place}", "text")
     return described
+
+
+def _sites(study: Study) -> dict[str, str | None]:
+    """Return the site of the body of each material, if there are several; nothing where protocols differ in them."""
+    known = [one.protocol for one in study.parts if one.protocol]
+    each = [{**one.kind_table(task).site_of} for one in known for task in one.tasks]
+    return each[0] if each and any(each[0].values()) and all(one == each[0] for one in each) else {}
 
 
 def _of_heard() -> dict[str, tuple[str, str]]:

@@ -67,19 +67,27 @@ def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker:
     """
     audio = audio_of(rig)
     channels, plays = audio.channels, limit_m_s2 is not None and rig.actuator.driver == "audio"
-    outputs, inputs = (channels.outputs, channels.inputs) if plays else channels.without_actuator(listens=listens)
+    outputs, inputs = open_channels(rig) if plays else channels.without_actuator(listens=listens)
     ceilings = [0.0] * outputs
     for channel in channels.headphones:
         ceilings[channel - 1] = masker.ceiling if masker is not None else 0.0
     if plays and limit_m_s2 is not None:
         from palpate.experiment.apparatus.panel.conditioning import Conditioner
 
-        behind = rig.actuator.shaping is not None or rig.actuator.measured is not None
-        conditioner = Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2)
-        ceilings[channels.actuator - 1] = 1.0 if behind else conditioner.ceiling
+        for one in rig.views.values():
+            behind = one.actuator.shaping is not None or one.actuator.measured is not None
+            conditioner = Conditioner(full_scale=one.actuator.full_scale, limit_m_s2=limit_m_s2)
+            channel = audio_of(one).channels.actuator - 1
+            ceilings[channel] = max(ceilings[channel], 1.0 if behind else conditioner.ceiling)
     return stream_settings(
         audio, ceilings, inputs=inputs, sent=listens and channels.microphone is not None, stimuli=plays
     )
+
+
+def open_channels(rig: Rig) -> tuple[int, int]:
+    """Return how many outputs and inputs the actuators of a rig need, its headphones and microphone included."""
+    each = [audio_of(one).channels for one in rig.views.values()]
+    return max(one.outputs for one in each), max(one.inputs for one in each)
 
 
 def stream_settings(
@@ -116,7 +124,8 @@ def copy_rig(rig_file: Path, copy: Path) -> None:
     """
     rig = rigs.load(rig_file)
     beside: dict[str, tuple[str, bytes]] = {}
-    for measured in (rig.actuator.shaping, rig.actuator.measured):
+    actuators = [one.actuator for one in rig.views.values()]
+    for measured in (table for one in actuators for table in (one.shaping, one.measured)):
         if measured is not None:
             beside[measured.response] = "table", response_table(rig_file.parent, measured)
     for driver in rig.driver_files:

@@ -20,6 +20,7 @@ from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.apparatus.wires.settings import LSL, TriggerRig
 from palpate.experiment.errors import ProtocolError, Remedy, RigError
+from palpate.experiment.protocol.kinds import list_at, table_at, tables_at
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.settings import load as files
 from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Name, Rules, driver_key, port_rules
@@ -363,6 +364,37 @@ class AudioRig(Confined):
     delivered: DeliveredRig
 
 
+def _site_rules(table: Any) -> Iterator[Broken]:
+    """`channel` only and always with `actuator.driver = "audio"`; `loopback` needs it, and the table `latency`."""
+    actuator = table.get("actuator")
+    if isinstance(actuator, dict) and (actuator.get("driver") == "audio") != (table.get("channel") is not None):
+        yield Broken(("channel",), "an output with actuator.driver 'audio', otherwise no such key")
+    if (table.get("loopback") is None) != (table.get("latency") is None):
+        yield Broken(("loopback",), "both loopback and the table [sites.latency], or neither")
+    elif table.get("loopback") is not None and table.get("channel") is None:
+        yield Broken(("loopback",), "no loopback without channel")
+
+
+class SiteRig(Confined):
+    """One of several actuators, each at a site of the body.
+
+    Attributes:
+        name: of the site, as in the protocol.
+        channel: output of the audio device.
+        loopback: input of the signal sent to this actuator's amplifier.
+        latency: of this output and input, as `palpate calibrate audio --site` measures it.
+        actuator: the device.
+    """
+
+    RULES: ClassVar[Rules] = _site_rules
+
+    name: Name
+    channel: Channel | None = None
+    loopback: Channel | None = None
+    latency: LatencyRig | None = None
+    actuator: ActuatorRig
+
+
 CALIBRATE_AUDIO = ("palpate", "calibrate", "audio", "--rig", "RIG")
 DOCTOR = ("palpate", "doctor", "--rig", "RIG")
 
@@ -403,7 +435,8 @@ def _rig_rules(table: Any) -> Iterator[Broken]:
 
     `[servo]` needs `[tracker]`, without `tracker.force`; formats before 5 always need `[tracker]`.
 
-    At most one of `[[triggers]]` has `driver = "lsl"`.
+    At most one of `[[triggers]]` has `driver = "lsl"`. `[[sites]]` differ in names and channels, with the driver and
+    `rate_hz` of `[actuator]`, and `accelerometer.stays` is false.
 
     Only a simulated rig may have "rehearsal" as a port, address or device.
     """
@@ -423,6 +456,7 @@ def _rig_rules(table: Any) -> Iterator[Broken]:
     drivers = [one.get("driver") for one in lines if isinstance(one, dict)] if isinstance(lines, list | tuple) else []
     if drivers.count(LSL) > 1:
         yield Broken(("triggers",), f"at most one trigger line with driver '{LSL}'")
+    yield from _sites_rules(table)
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
         return
@@ -440,6 +474,24 @@ def _audio_rules(actuator: Any, audio: Any) -> Iterator[Broken]:
     elif isinstance(audio, dict) and audio.get("rate_hz") != actuator.get("rate_hz"):
         allowed = f"audio.rate_hz ({audio.get('rate_hz')}), because the actuator is an audio channel"
         yield Broken(("actuator", "rate_hz"), allowed)
+
+
+def _sites_rules(table: Any) -> Iterator[Broken]:
+    channels = table_at(table_at(table, "audio"), "channels")
+    headphones, microphone = list_at(channels, "headphones"), channels.get("microphone")
+    taken: dict[str, list[Any]] = {"name": [], "channel": [*headphones], "loopback": [microphone]}
+    for i, site in tables_at(table, "sites"):
+        for key, others in taken.items():
+            if (value := site.get(key)) is not None and value in others:
+                yield Broken(("sites", i, key), f"a {key} that nothing else has")
+            others.append(value)
+        for key in ("driver", "rate_hz"):
+            own, first = table_at(site, "actuator").get(key), table_at(table, "actuator").get(key)
+            if own != first:
+                yield Broken(("sites", i, "actuator", key), f"actuator.{key} ({first})")
+    sensor = table.get("accelerometer")
+    if list_at(table, "sites") and isinstance(sensor, dict) and sensor.get("stays") is not False:
+        yield Broken(("accelerometer", "stays"), "false, because one sensor cannot stay on several actuators")
 
 
 class Identity(Confined):
@@ -513,8 +565,8 @@ def check_stops(rig: "Rig", peak_m_s2: float | None, today: date) -> None:
 
     The participant's pedal has to be tried as well.
     """
-    full_m_s2 = rig.actuator.full_scale_m_s2
-    strong = peak_m_s2 is not None and (full_m_s2 is None or full_m_s2 > peak_m_s2)
+    full_m_s2 = [one.actuator.full_scale_m_s2 for one in rig.views.values()]
+    strong = peak_m_s2 is not None and any(one is None or one > peak_m_s2 for one in full_m_s2)
     needed: list[tuple[str, StopsRig | PedalRig | None]] = [("stops", rig.stops)] if strong or rig.servo else []
     needed += [("pedal", rig.pedal)] if rig.pedal is not None else []
     for table, tried in needed if not rig.rig.simulated else ():
@@ -550,6 +602,7 @@ class Rig(Confined):
         buttons: the participant's buttons for answers, where there are any.
         triggers: what tells other machines of events, by numbers; nothing is sent without it.
         contactor: what touches the skin, for the dataset and the methods of a paper.
+        sites: actuators at sites of the body that a protocol names; `actuator` plays stimuli without a site.
     """
 
     RULES: ClassVar[Rules] = _rig_rules
@@ -568,6 +621,7 @@ class Rig(Confined):
     buttons: ButtonsRig | None = Field(None, json_schema_extra={"since": 6})
     triggers: tuple[TriggerRig, ...] | None = Field(None, json_schema_extra={"since": 6})
     contactor: ContactorRig | None = Field(None, json_schema_extra={"since": 6})
+    sites: tuple[SiteRig, ...] | None = Field(None, json_schema_extra={"since": 6})
 
     _folder: Path | None = PrivateAttr(None)
 
@@ -575,6 +629,29 @@ class Rig(Confined):
     def folder(self) -> Path | None:
         """The folder of its file; None for a rig that was read from none."""
         return self._folder
+
+    def at(self, site: str | None) -> "Rig":
+        """Return the rig with the actuator of a site as its only one, itself for None; `RigError` for an unknown site.
+
+        A simulated rig without `[[sites]]` has every site, each like its actuator, unless that is an audio channel.
+        """
+        if site is None or (self.sites is None and self.rig.simulated and self.actuator.driver != "audio"):
+            return self
+        names = [one.name for one in self.sites or ()]
+        if site not in names:
+            where, allowed = f"rig '{self.rig.name}'", ", ".join(names) or "a rig file with [[sites]]"
+            raise RigError(where, f"has no site '{site}'", "add it to [[sites]] in the rig file", allowed=allowed)
+        own, audio = (self.sites or ())[names.index(site)], self.audio
+        if audio is not None and own.channel is not None:
+            ports = {"actuator": own.channel, "loopback": own.loopback}
+            changed = {"channels": audio.channels.model_copy(update=ports), "latency": own.latency or audio.latency}
+            audio = audio.model_copy(update=changed)
+        return self.model_copy(update={"actuator": own.actuator, "audio": audio, "sites": None})
+
+    @property
+    def views(self) -> "dict[str | None, Rig]":
+        """The rig with its own actuator, then as each of its sites has it, by name."""
+        return {None: self, **{one.name: self.at(one.name) for one in self.sites or ()}}
 
     def driver_file(self, driver: str) -> Path | None:
         """Return the file beside the rig file that contains a driver `module:Class`; None where a package does."""
@@ -590,7 +667,8 @@ class Rig(Confined):
     @property
     def driver_files(self) -> tuple[Path, ...]:
         """The files beside the rig file that contain a driver: the tracker's, then those of others."""
-        tables = self.tracker, self.actuator, self.accelerometer, self.servo, *(self.triggers or ())
+        actuators = (one.actuator for one in self.views.values())
+        tables = self.tracker, *actuators, self.accelerometer, self.servo, *(self.triggers or ())
         drivers = [one.driver for one in tables if one is not None]
         return tuple(dict.fromkeys(filter(None, map(self.driver_file, drivers))))
 
@@ -639,7 +717,8 @@ def sha256(rig: Rig) -> str:
     A driver beside the file counts with its own hash; `RigError` if it is unreadable. Ports, addresses, anchors, stops,
     numbers of triggers, the participant's screen and pedal are omitted, since they measure nothing.
     """
-    where = {device: {key} for device, key in PLACES.items()}
+    where: dict[str, Any] = {device: {key} for device, key in PLACES.items()}
+    where["sites"] = {"__all__": {"actuator": where["actuator"]}}
     unmeasured = dict.fromkeys(("screen", "anchors", "stops", "pedal", "triggers"), True)
     stated = rig.model_dump(mode="json", exclude_none=True, exclude={**where, **unmeasured})
     own = rig.driver_file(rig.tracker.driver) if rig.tracker is not None else None

@@ -451,7 +451,8 @@ def _examine_rig(
     if not virtual:
         return f"Rig '{rig.rig.name}': every task uses real objects, so it renders nothing.", None
     try:
-        refuse_unmeasured(rig_file, rig, today)
+        for site in protocol.sites:
+            refuse_unmeasured(rig_file, rig.at(site), today)
         for kind in {session_kind(task): None for task in virtual}:
             told, refusal = kind.examine(protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings)
             said.append(told)

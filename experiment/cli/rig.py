@@ -21,6 +21,9 @@ calibrate = typer.Typer(
 )
 commands.add_typer(calibrate, name="calibrate")
 
+Site = Annotated[
+    str | None, typer.Option("--site", help="Site of the body whose actuator to measure, as in [[sites]] of the rig.")
+]
 RigFile = Annotated[Path, options.file_option("--rig", "Rig file of this laboratory.")]
 
 
@@ -102,8 +105,8 @@ def doctor(
     options.at_once("The checks take 5 to 15 s. Each result appears when its check ends.")
     # A check of its own is red for a rig file that cannot be used.
     with suppress(RigError):
-        audio = rigs.load(rig).audio
-        if compare_panel or (audio is not None and audio.channels.loopback is not None):
+        every = [own.audio for own in rigs.load(rig).views.values()]
+        if compare_panel or any(audio is not None and audio.channels.loopback is not None for audio in every):
             typer.echo("Keep feet and hands off the panel: these checks move it.", err=True)
     if press:
         typer.echo(f"Press each of the participant's buttons {press} times; the checks wait for this.", err=True)
@@ -209,6 +212,7 @@ def calibrate_audio(
     out: Annotated[
         Path | None, typer.Option("--out", help="New rig file with the result [default: print the table only].")
     ] = None,
+    site: Site = None,
     probes: Annotated[int, typer.Option("--probes", min=2, max=1000, help="Number of sweeps to play.")] = 20,
     peak: Annotated[
         float, typer.Option("--peak", min=0.001, max=1.0, help="Peak of a sweep; 1.0 is full scale.")
@@ -219,7 +223,7 @@ def calibrate_audio(
     Sweeps are played on the actuator's channel and recorded on the loopback. First disconnect the actuator's
     amplifier, or set a low peak. After xruns, or if sweeps come back outside the limits of [audio.delivered], the
     command plays all of them again; after three attempts it refuses. (A simulated rig's card loses nothing in
-    xruns.) The result is the table [audio.latency] of the rig file.
+    xruns.) The result is the table [audio.latency] of the rig file, or with --site that of the site.
     """
     from datetime import UTC, datetime
 
@@ -230,7 +234,7 @@ def calibrate_audio(
     from palpate.experiment.errors import RigError
 
     loaded = rigs.load(rig_file)
-    audio = opening.audio_of(loaded)
+    audio = opening.audio_of(loaded.at(site))
     entry = audio.channels.loopback
     if entry is None:
         raise RigError(
@@ -246,9 +250,8 @@ def calibrate_audio(
             from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 
             typer.echo("SIMULATED: this sound card is software, not a device", err=True)
-            card = SoundCard(
-                rate_hz=audio.rate_hz, block=audio.block, inputs=audio.channels.inputs, outputs=audio.channels.outputs
-            )
+            outputs, inputs = opening.open_channels(loaded)
+            card = SoundCard(rate_hz=audio.rate_hz, block=audio.block, inputs=inputs, outputs=outputs)
             opened.callback(card.close)
             device = DEVICE
         stream = calibration.open_probing(loaded, peak=peak, clock=MonotonicClock(), device=device)
@@ -271,11 +274,11 @@ def calibrate_audio(
         f"{found.gain:.4g}, range {found.spread_db:.2f} dB; residual {found.residual_db:.0f} dB; {found.xruns} "
         f"xruns\n# the round trip is divided between output and input {divided}"
     )
-    typer.echo(found.table(today, days), nl=False)
+    typer.echo(found.table(today, days, site), nl=False)
     if out is not None:
         from palpate.experiment import storage
 
-        text = calibration.rewritten(rig_file.read_text("utf-8"), found.values(today, days))
+        text = calibration.rewritten(rig_file.read_text("utf-8"), found.values(today, days), site)
         storage.write(out, text.encode())
         rigs.load(out)
         typer.echo(f"# written: {out}")
@@ -293,6 +296,7 @@ def calibrate_actuator(
     panel: Annotated[
         Path | None, typer.Option("--panel", help="Modes file of a SIMULATED panel, for a simulated rig.")
     ] = None,
+    site: Site = None,
     seed: options.Seed = 1,
 ) -> None:
     """Measure the panel with the rig's accelerometer.
@@ -300,7 +304,8 @@ def calibrate_actuator(
     Keep everyone off the panel, because it moves. Multisines are played at three levels for 40 s, or 3 min if it is
     noisy. The command prints full scale, usable band, resonances and linearity. It writes a table of the complex
     response with its standard error and coherence, and a new rig file that names the table in [actuator.measured].
-    It refuses a sensor that is dead or is not on this panel, and a response that is too uncertain.
+    It refuses a sensor that is dead or is not on this panel, and a response that is too uncertain. With --site, it
+    measures the actuator of one site.
     """
     from datetime import UTC, datetime
 
@@ -308,7 +313,7 @@ def calibrate_actuator(
     from palpate.experiment.apparatus.panel import calibration
     from palpate.experiment.errors import Interrupted, RigError
 
-    before = rigs.load(rig)
+    before = rigs.load(rig).at(site)
     calibration.check_accelerometer(before)
     for file in (out, calibration.table_beside(out)):
         if file.exists():
@@ -334,5 +339,5 @@ def calibrate_actuator(
     for line in calibration.report(made):
         typer.echo(line)
     today = datetime.now(tz=UTC).astimezone().date()
-    calibration.write(rig, out, made, load=load, today=today, days=days)
+    calibration.write(rig, out, made, load=load, today=today, days=days, site=site)
     typer.echo(f"Rig file: {out}")

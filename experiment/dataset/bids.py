@@ -21,7 +21,7 @@ from palpate.experiment.records.software import Software
 
 BIDS_VERSION = "1.11.0"
 MISSING = "n/a"
-FURTHER = ("further", "force", "heard_of", "heard", "answers")
+FURTHER = ("further", "force", "sites", "heard_of", "heard", "answers")
 """Groups of columns that a table has where a row has them."""
 
 Origin = Literal["PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED"]

@@ -103,6 +103,8 @@ def touched(protocol: Protocol, path: Path, contents: journal.Contents, *, share
     if rig_file.exists():
         part = import_module("palpate.experiment.apparatus.rig").load(rig_file).contactor
         found |= {} if part is None else {"Contactor": part.model_dump(exclude_none=True)}
+    if sites := getattr(protocol.kind_table(protocol.task(contents.header.task)), "sites", ()):
+        found["Sites"] = {one.name: one.place for one in sites}
     if getattr(protocol, "asked", None) is not None:
         phenotype = import_module("palpate.experiment.dataset.phenotype")
         found |= phenotype.touched(protocol, contents, shared=shared)

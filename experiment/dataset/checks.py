@@ -382,6 +382,21 @@ def _levels(dataset: Dataset) -> Iterator[Finding]:
             yield from tracks.findings(path, journal.read(path).entries)
 
 
+def _sites(dataset: Dataset) -> Iterator[Finding]:
+    """Yield the first stimulus of each journal that was felt at another site of the body than its protocol has."""
+    for path, header in dataset.sessions:
+        protocol = dataset.version(header)
+        site_of = protocol.kind_table(protocol.task(header.task)).site_of
+        if not any(site_of.values()):
+            continue
+        felt = (one for entry in journal.read(path).entries for one in entry.felt_at.items())
+        for material, site in felt:
+            if site != (allowed := site_of.get(material)):
+                what = f"has a stimulus of {material} at {site}"
+                yield Finding(what, path, allowed=f"{allowed}", remedy="restore the journal from a backup")
+                break
+
+
 def _facts(dataset: Dataset) -> Iterable[Finding]:
     """Return what is wrong with the files of what participants told of themselves; nothing where nothing is asked."""
     if not any(getattr(one, "asked", None) for one in dataset.versions.values()):
@@ -545,6 +560,7 @@ CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "frames": _frames_alone,
     "copies": _copies,
     "levels": _levels,
+    "sites": _sites,
     "tables": _tables_alone,
     "participants": _lost_sessions,
     "withdrawals": lambda dataset: _forgotten_withdrawals(dataset.root, dataset.people, dataset.withdrawals),

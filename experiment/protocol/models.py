@@ -228,6 +228,11 @@ class KindTable(Confined):
         return {}
 
     @property
+    def site_of(self) -> Mapping[str, str | None]:
+        """The site of the body of each material's stimulus; empty where there is one place for all."""
+        return {}
+
+    @property
     def numbers(self) -> Mapping[str, Mapping[str, float]]:
         """The numbers of each material's stimulus that is one wave or one tap, by their keys."""
         return {}
@@ -643,6 +648,12 @@ class Protocol(Confined):
         """Return the table of the kind of a task's trials, which has the kind's name; an empty one if left out."""
         table: KindTable | None = getattr(self, task.kind)
         return table or KindTable()
+
+    @property
+    def sites(self) -> tuple[str | None, ...]:
+        """The sites of the body where stimuli are felt; None alone in a study without any."""
+        each = (self.kind_table(task).site_of for task in self.tasks)
+        return tuple(dict.fromkeys(site for one in each for site in one.values())) or (None,)
 
     @property
     def folder(self) -> Path:

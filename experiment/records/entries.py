@@ -1,5 +1,6 @@
 """Models of the journal entries that every kind of trial shares: a `Header`, then entries, then a `Footer`."""
 
+from collections.abc import Mapping
 from datetime import datetime
 from hashlib import sha256
 from typing import Annotated, ClassVar, Literal
@@ -38,6 +39,11 @@ class Entry(Record):
         """How long each stimulus lasts that this entry puts on record, s."""
         stimulus = getattr(self, "stimulus", None)
         return () if stimulus is None else (stimulus.lasts_s,)
+
+    @property
+    def felt_at(self) -> Mapping[str, str | None]:
+        """The site of the body of each stimulus that this entry puts on record, by its material."""
+        return {}
 
     @property
     def frames(self) -> "Trace | None":

@@ -23,9 +23,9 @@ def columns_of(kind: str, intervals: int = 1) -> Columns:
     A kind that has `presented` and `PLACES` has the one where a trial presents one material, else as many of the others
     as there are `intervals`.
 
-    In events.json `further`, `force` of a foot, `heard` by an accelerometer and `heard_of` what, and `answers` of
-    participants are absent where a session does not know them, `imported` replace descriptions of imported answers, and
-    `participants` are those of `participants.tsv`. `all` has what a text `all` stands for.
+    In events.json `further`, `force` of a foot, `sites` of the body, `heard` by an accelerometer and `heard_of` what,
+    and `answers` of participants are absent where a session does not know them, `imported` replace descriptions of
+    imported answers, and `participants` are those of `participants.tsv`. `all` has what a text `all` stands for.
     """
     place = Path(__file__)
     known: dict[str, dict[str, Any]] = json.loads(place.with_suffix(".json").read_text("utf-8"))

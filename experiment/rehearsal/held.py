@@ -156,7 +156,7 @@ def _open(asked: Asked) -> None:
         def sound_device(self, opened: ExitStack) -> str | None:  # noqa: ARG002
             return asked.device
 
-        def panel(self, opened: ExitStack) -> str | None:  # noqa: ARG002
+        def panel(self, site: str | None, opened: ExitStack) -> str | None:  # noqa: ARG002
             return asked.address
 
         def tracker(self, opened: ExitStack) -> tuple[str | None, None]:  # noqa: ARG002

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -28,10 +28,15 @@ class Parts:
 
     foot: Foot | None
     powered_ns: int
-    panel: Panel | CardPanel | None
+    panels: Mapping[str | None, Panel | CardPanel]
     rig: Rig
     real_time: bool
     speaker: Speaker | None
+
+    @property
+    def panel(self) -> Panel | CardPanel | None:
+        """The one panel of a rig without sites; None where nothing is felt."""
+        return self.panels.get(None)
 
 
 def stepping(line: SerialLine, rig: Rig, *, real_time: bool) -> Foot:

@@ -170,7 +170,7 @@ class SimulatedEnds:
         self.protocol, self.rig = self.sitting.protocol, self.sitting.rig
         self.task_id, self.clock = self.sitting.task_id, self.sitting.clock
         self._card: WiredCard | None = None
-        self._panel: Panel | CardPanel | None = None
+        self._panels: dict[str | None, Panel | CardPanel] = {}
         self._speaker: Speaker | None = None
         self._foot: Foot | None = None
         self._box: SimulatedButtons | None = None
@@ -191,14 +191,14 @@ class SimulatedEnds:
                 self._card.mouth(), rate_hz=self.rig.audio.rate_hz, entropy=(self.job.seed, int(self.job.participant))
             )
 
-    def panel(self, opened: ExitStack) -> str | None:
+    def panel(self, site: str | None, opened: ExitStack) -> str | None:
         moving = moving_panel(self.job.dataset)
         if self._card is not None and self.rig.actuator.driver == "audio":
-            self._panel = self._card.panel(moving)
+            self._panels[site] = self._card.panel(site, moving)
             return None
-        panel = Panel(self.rig.actuator, real_time=self.real_time, moving=moving)
+        panel = Panel(self.rig.at(site).actuator, real_time=self.real_time, moving=moving)
         opened.callback(panel.close)
-        self._panel = panel
+        self._panels[site] = panel
         return panel.address
 
     def playing(self, actuator: Actuator, sitting: Sitting, opened: ExitStack) -> Actuator:  # noqa: ARG002
@@ -259,7 +259,7 @@ class SimulatedEnds:
         parts = Parts(
             foot=self._foot,
             powered_ns=self._powered_ns,
-            panel=self._panel if reached else None,
+            panels=self._panels if reached else {},
             rig=self.rig,
             real_time=self.real_time,
             speaker=self._speaker,

@@ -277,8 +277,8 @@ class FarEnds(Protocol):
         """Lay what cables the audio device needs, now that the stream on it is open."""
         return
 
-    def panel(self, opened: ExitStack) -> str | None:  # noqa: ARG002
-        """Set the panel up; return where its actuator answers, or None for the address that the rig names."""
+    def panel(self, site: str | None, opened: ExitStack) -> str | None:  # noqa: ARG002
+        """Set up the panel at a site; return where its actuator answers, or None for the address that the rig names."""
         return None
 
     def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
@@ -315,14 +315,24 @@ class FarEnds(Protocol):
 
 
 def open_actuator(
-    sitting: Sitting, drive: Drive | None, *, stream: AudioStream | None, ends: FarEnds, opened: ExitStack
+    sitting: Sitting,
+    drive: Drive | None,
+    *,
+    stream: AudioStream | None,
+    ends: FarEnds,
+    opened: ExitStack,
+    site: str | None = None,
+    limit_m_s2: float | None = None,
 ) -> Actuator:
-    """Open what plays every stimulus of a session, until `opened` closes; errors are those of `opening`."""
+    """Open what plays every stimulus of a session, until `opened` closes; errors are those of `opening`.
+
+    The rig is that of a `site`, None for the one panel; `limit_m_s2` is the site's, None for the study's.
+    """
     actuator = opening.open_actuator(
         sitting.rig,
-        limit_m_s2=sitting.protocol.exposure.vibration_peak_m_s2,
+        limit_m_s2=sitting.protocol.exposure.vibration_peak_m_s2 if limit_m_s2 is None else limit_m_s2,
         drive=drive,
-        address=ends.panel(opened),
+        address=ends.panel(site, opened),
         stream=stream,
         clock=sitting.clock,
         drifted=sitting.drifted,

@@ -79,7 +79,7 @@ def run(folder: Path, seed: int) -> None:
     actuator = ScriptedActuator()
     console = Answering(header, of.materials[-1].id, seed)
     devices = attempt.Devices(
-        kind=PresentedDevices(actuator, rendered(of, actuator.rate_hz)),
+        kind=PresentedDevices({None: actuator}, rendered(of, actuator.rate_hz)),
         console=console,
         clock=console._clock,
         masker=None,

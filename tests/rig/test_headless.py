@@ -91,8 +91,8 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
     class Pulled(WiredCard):
         """The loopback's cable is out for the masker's probe and the first two stimuli of the task with stimuli."""
 
-        def panel(self, moving: MovingPanel | None) -> CardPanel:
-            opened = super().panel(moving)
+        def panel(self, site: str | None, moving: MovingPanel | None) -> CardPanel:
+            opened = super().panel(site, moving)
             if pulled:
                 return opened
             self.card.disconnect(2)

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import date
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -33,11 +34,12 @@ def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = No
     Raises as `opening.open_audio`.
     """
     audio = opening.audio_of(rig)
-    channels = audio.channels
-    ceilings = [0.0] * channels.outputs
-    ceilings[channels.actuator - 1] = peak
-    sent = channels.microphone is not None
-    settings = opening.stream_settings(audio, ceilings, inputs=channels.inputs, sent=sent, stimuli=True)
+    outputs, inputs = opening.open_channels(rig)
+    ceilings = [0.0] * outputs
+    for one in rig.views.values():
+        ceilings[opening.audio_of(one).channels.actuator - 1] = peak
+    sent = audio.channels.microphone is not None
+    settings = opening.stream_settings(audio, ceilings, inputs=inputs, sent=sent, stimuli=True)
     return AudioStream(replace(settings, device=device or audio.device), clock)
 
 
@@ -60,9 +62,10 @@ class Loopback:
     input_ms: float
     as_reported: bool
 
-    def table(self, today: date, days: int) -> str:
-        """Return the table [audio.latency] of a rig file."""
-        return "[audio.latency]\n" + "".join(f"{key} = {value}\n" for key, value in self.values(today, days).items())
+    def table(self, today: date, days: int, site: str | None) -> str:
+        """Return the table [audio.latency] of a rig file, or that of a site."""
+        head = "[audio.latency]\n" if site is None else f"[sites.latency]  # {site}\n"
+        return head + "".join(f"{key} = {value}\n" for key, value in self.values(today, days).items())
 
     def values(self, today: date, days: int) -> dict[str, str]:
         """Return the keys of [audio.latency] and what to write there."""
@@ -176,13 +179,22 @@ def disturbed(found: Loopback, audio: AudioRig, *, exact: bool) -> str:
     return ""
 
 
-def rewritten(rig_text: str, values: dict[str, str]) -> str:
+def table_of(document: Any, site: str) -> Any:
+    """Return the table of a site in a rig file; `RigError` if `[[sites]]` are not tables of their own."""
+    found = [one for one in document.get("sites", ()) if one.get("name") == site]
+    if not found:
+        raise RigError("sites", f"got no table for {site}", "write each site as a table [[sites]]", allowed=site)
+    return found[0]
+
+
+def rewritten(rig_text: str, values: dict[str, str], site: str | None = None) -> str:
     """Return a valid rig file with other values by key in [audio.latency], and without its remark NOT CALIBRATED.
 
-    Raises `RigError` if the table or a key is missing.
+    Those of a `site` are in its own table. Raises `RigError` if the table or a key is missing.
     """
     document = tomlkit.parse(re.sub(" *# NOT CALIBRATED: `palpate calibrate audio`.*", "", rig_text))
-    table = document.get("audio", {}).get("latency", {})
+    own = document.get("audio", {}) if site is None else table_of(document, site)
+    table = own.get("latency", {})
     missing = sorted(set(values) - set(table))
     if missing:
         raise RigError(

@@ -138,6 +138,9 @@ def reach(rig: Rig, step: Step) -> Finding:
     return passed(name, measured, f"from {lowest:g} mm or lower to {highest:g} mm or higher")
 
 
+OF_LATENCY = "audio calibration"
+
+
 def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
     """Return how old the calibrations are: of the tracker, of the audio device's latency, of the headphones."""
     tracker, audio = rig.tracker, rig.audio
@@ -158,7 +161,7 @@ def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
     if tracker is not None:
         found.append(age("tracker calibration", lambda: zeroing.check_age(rig, today), tracker))
     if audio is not None:
-        found.append(age("audio calibration", lambda: rigs.check_age(audio.latency, today), audio.latency))
+        found.append(age(OF_LATENCY, lambda: rigs.check_age(audio.latency, today), audio.latency))
         level = "; their level was not checked, because the computer cannot measure it"
         found.append(age("headphones", lambda: rigs.check_age(audio.headphones, today), audio.headphones, level))
     return tuple(found)

@@ -3,7 +3,7 @@
 Audio stream and tracker run together at their priorities, so that mutual effects show.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -99,21 +99,28 @@ def examine(
 def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Iterator[Finding]:
     label = "SIMULATED: " if rig.rig.simulated else ""
     yield passed("rig file", f"{label}{path}: rig '{rig.rig.name}', sha256 {rigs.sha256(rig)[:12]}")
-    table = checks.table(rig, path.parent)
-    if table is not None:
-        yield table
+    for site in protocol.sites if protocol is not None else ():
+        try:
+            rig.at(site)
+        except RigError as error:
+            yield refused("site", error)
+    views = _views(rig, protocol)
+    yield from _each(views, lambda own: filter(None, [checks.table(own, path.parent)]))
     if protocol is None:
         yield unchecked("gate", "no protocol was given", "add --protocol")
     elif protocol.gate is not None:
         yield checks.reach(rig, protocol.gate)
     today = day(clock.now_ns())
     yield from checks.ages(rig, today)
+    for site, own in views.items():
+        of_site = checks.ages(own, today) if site is not None else ()
+        yield from (replace(one, where=f"site {site}") for one in of_site if one.check == checks.OF_LATENCY)
     if rig.tracker is not None and rig.tracker.force is not None:
         from palpate.experiment.apparatus.doctor import foot_force
 
         yield foot_force.age(rig, rig.tracker.force, today)
     if protocol is None or protocol.renders:
-        yield checks.panel(rig, path, today)
+        yield from _each(views, lambda own: [checks.panel(own, path, today)])
     peak_m_s2 = protocol.exposure.vibration_peak_m_s2 if protocol is not None and protocol.renders else None
     yield from checks.stops(rig, peak_m_s2, today)
 
@@ -129,13 +136,7 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
             yield from _tracker(rig, ends, clock)
         else:
             yield from _audio(rig, rig.audio, ends, clock)
-        address = ends.address or rig.actuator.address
-        if ends.address is None and ":" in rig.actuator.driver:
-            from palpate.experiment.apparatus.doctor import own
-
-            yield from own.checks(rig, clock)
-        elif address is not None:
-            yield from checks.server(address, rig.actuator)
+        yield from _each(_views(rig, protocol), lambda own: _actuator(own, ends.address, clock))
         if rig.servo is not None or (protocol is not None and protocol.exposure.force_peak_n is not None):
             from palpate.experiment.apparatus.doctor import force
 
@@ -160,6 +161,29 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
             yield from sensor.checks(rig, rig.accelerometer, ends.accelerometer, clock=clock)
         elif rig.accelerometer is not None:
             yield unchecked("accelerometer", "only palpate record, palpate calibrate actuator and sessions read it")
+
+
+def _actuator(rig: Rig, simulated: str | None, clock: Clock) -> Iterator[Finding]:
+    """Yield what an actuator does that is no channel of the audio device; a simulated one is at its address."""
+    address = simulated or rig.actuator.address
+    if simulated is None and ":" in rig.actuator.driver:
+        from palpate.experiment.apparatus.doctor import own
+
+        yield from own.checks(rig, clock)
+    elif address is not None:
+        yield from checks.server(address, rig.actuator)
+
+
+def _views(rig: Rig, protocol: Protocol | None) -> dict[str | None, Rig]:
+    """Return the rig as each site of the body has it that a protocol uses and the rig has; all without a protocol."""
+    used = tuple(rig.views) if protocol is None else protocol.sites
+    return {site: own for site, own in rig.views.items() if site in used} or rig.views
+
+
+def _each(views: Mapping[str | None, Rig], checked: Callable[[Rig], Iterable[Finding]]) -> Iterator[Finding]:
+    """Yield what is checked of each actuator; a finding of a site names it."""
+    for site, own in views.items():
+        yield from (one if site is None else replace(one, where=f"site {site}") for one in checked(own))
 
 
 def _frames(rig: Rig | None) -> tuple[int, int]:
@@ -191,7 +215,8 @@ def _elsewhere(rig: Rig, protocol: Protocol | None) -> Iterator[Finding]:
         yield unchecked(
             "microphone", "the rig has no microphone (audio.channels.microphone), so palpate suggests no answers"
         )
-    heard = rig.actuator.driver == "audio" and channels is not None and channels.loopback is not None
+    each = [own.audio for own in _views(rig, protocol).values() if rig.actuator.driver == "audio"]
+    heard = each and all(one is not None and one.channels.loopback is not None for one in each)
     if not heard and protocol.renders and any(rule.when == "undelivered" for rule in protocol.exclusion):
         told = "the rig has no actuator loopback, so only the audio stream can detect undelivered stimuli"
         yield unchecked("undelivered", told)
@@ -247,6 +272,6 @@ def _stream(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock, st
     try:
         yield from devices.steady(stream, settings, since=since, exact=rig.rig.simulated)
         yield from devices.microphone(stream, settings)
-        yield from devices.loopback(stream, settings)
+        yield from _each(rig.views, lambda own: devices.loopback(stream, opening.audio_of(own)))
     except AudioError as error:
         yield refused(name, error)

@@ -259,9 +259,14 @@ def table_beside(out: Path) -> Path:
     return out.with_name(f"{out.stem}-panel.csv")
 
 
-def write(rig_file: Path, out: Path, made: Calibration, *, load: str, today: date, days: int) -> None:
-    """Write a new rig file with [actuator.measured], and beside it what the rig names. Raises `PalpateError`."""
-    rig, text = rigs.load(rig_file), rig_file.read_text("utf-8-sig")
+def write(
+    rig_file: Path, out: Path, made: Calibration, *, load: str, today: date, days: int, site: str | None = None
+) -> None:
+    """Write a new rig file with [actuator.measured], and beside it what the rig names. Raises `PalpateError`.
+
+    With a `site` it is [sites.actuator.measured] of that one.
+    """
+    rig, text = rigs.load(rig_file).at(site), rig_file.read_text("utf-8-sig")
     settings, figures, found = accelerometers.settings_of(rig), made.figures, made.found
     remarks = (
         *(("SIMULATED: no panel was measured.",) if rig.rig.simulated else ()),
@@ -296,7 +301,7 @@ def write(rig_file: Path, out: Path, made: Calibration, *, load: str, today: dat
         "calibration_days": days,
         **{key: value for key, value in since_6.items() if value is not None},
     }
-    changed = rewritten(text, values)
+    changed = rewritten(text, values, site)
     opening.copy_rig(rig_file, out)
     storage.write(table, content)
     storage.write(out, changed.encode())
@@ -311,13 +316,13 @@ def _digits(number: float) -> float:
     return float(f"{number:.5g}")
 
 
-def rewritten(rig_text: str, found: dict[str, Any]) -> str:
+def rewritten(rig_text: str, found: dict[str, Any], site: str | None = None) -> str:
     """Return a rig file with [actuator.measured]; a device that takes accelerations also gets its full scale and band.
 
-    Raises `RigError` if it has no table [actuator].
+    With a `site` its actuator has them. Raises `RigError` if it has no table [actuator].
     """
     document = tomlkit.parse(re.sub(" *# NOT MEASURED: `palpate calibrate actuator`.*", "", rig_text))
-    actuator = document.get("actuator")
+    actuator = (document if site is None else probing.table_of(document, site)).get("actuator")
     if not isinstance(actuator, Table):
         raise RigError("actuator", "got no separate table", "write it as [actuator]", allowed="one")
     document["format"] = max(document.get("format", 1), 6 if SINCE_6 & found.keys() else 4)

@@ -20,11 +20,19 @@ def _cells(_: Path, contents: Contents) -> Iterator[tuple[Outcome, Cells]]:
                 entry,
                 {
                     **dict(zip(names, entry.presented, strict=False)),
+                    **_sites(names, entry.intervals),
                     "delivered": all_delivered(entry.intervals),
                     **(_played(entry.intervals, begun_ns - shift_ns) if entry.intervals else {}),
                     **({"redo_reason": entry.reason} if isinstance(entry, CutShort) else {}),
                 },
             )
+
+
+def _sites(names: Sequence[str], intervals: Sequence[Interval]) -> Cells:
+    """Return the cells of where each stimulus was felt, in a study of several sites."""
+    columns = ("site",) if len(names) == 1 else tuple(f"{name}_site" for name in names)
+    felt = zip(columns, intervals, strict=False)
+    return {column: one.site for column, one in felt if one.site is not None}
 
 
 def _played(intervals: Sequence[Interval], begun_ns: int) -> Cells:

@@ -29,17 +29,23 @@ UNITS = {"_m_s2": "m/s^2", "_per_s": "/s", "_ms": "ms", "_hz": "Hz", "_s": "s"}
 CHANGED = ("PresentedStimulus", "VirtualSurface", "Sinusoid", "Decaying", "Noise", "Sweep", "Pulses", "Silence")
 """Tables of stimuli, in which a key may be left to a factor."""
 
+SITE = "site"
+"""The key whose values are names: sites of the body."""
+
 KEYS = string.digits[1:] + string.ascii_lowercase
 """Keys of combinations, where participants name them."""
 
 
 def _factor_rules(table: Table) -> Iterator[Broken]:
-    """`values` are all different, and there are as many `names`."""
+    """`values` are all different, and there are as many `names`. With `changes = "site"` the `names` are the sites."""
     values, names = list_at(table, "values"), list_at(table, "names")
+    if (table.get("changes") == SITE) == bool(values) or len(values or names) < 2:
+        yield Broken(("values",), f"at least two values; none with changes = '{SITE}', which needs at least two names")
+        return
     for i, one in enumerate(values):
         if one in values[:i]:
             yield Broken(("values", i), "a value that differs from all previous values")
-    if names and len(names) != len(values):
+    if names and values and len(names) != len(values):
         yield Broken(("names",), f"{len(values)} names, one per value")
 
 
@@ -51,9 +57,9 @@ class Factor(Confined):
     Attributes:
         id: its name in tables of results.
         changes: the key that it sets, which that stimulus omits: `delay_ms`, or a key of all waves of one type, such as
-            `decaying.frequency_hz`.
+            `decaying.frequency_hz`; or `site`.
         values: its values.
-        names: how materials' names show them, if not as number and unit.
+        names: how materials' names show them, if not as number and unit; or the sites.
     """
 
     RULES: ClassVar[Rules] = _factor_rules
@@ -62,7 +68,7 @@ class Factor(Confined):
     changes: Annotated[
         str, Field(pattern=r"^[a-z_0-9]+(\.[a-z_0-9]+)?$", description="KEY or TABLE.KEY of the stimulus"), ONE_LINE
     ]
-    values: Annotated[tuple[Annotated[float, Field(ge=-100_000, le=100_000)], ...], Field(min_length=2)]
+    values: tuple[Annotated[float, Field(ge=-100_000, le=100_000)], ...] = ()
     names: tuple[Name, ...] = ()
 
     @property
@@ -71,9 +77,14 @@ class Factor(Confined):
         return next((unit for end, unit in UNITS.items() if self.changes.endswith(end)), "")
 
     @property
+    def levels(self) -> Sequence[float | str]:
+        """What it sets its key to: numbers, or sites."""
+        return self.values or self.names
+
+    @property
     def written(self) -> tuple[str, ...]:
-        """Each value with its unit."""
-        return tuple(f"{number(one)} {self.unit}".rstrip() for one in self.values)
+        """Each value with its unit, or each site."""
+        return tuple(f"{number(one)} {self.unit}".rstrip() for one in self.values) or self.names
 
     @property
     def called(self) -> tuple[str, ...]:
@@ -88,17 +99,22 @@ Factors = tuple[Factor, ...]
 
 def _materials(factors: Factors) -> dict[str, tuple[int, ...]]:
     """Return the name of each combination, the last factor fastest, with the places of its values."""
-    every = product(*(range(len(one.values)) for one in factors))
+    every = product(*(range(len(one.levels)) for one in factors))
     return {" at ".join(of.called[i] for of, i in zip(factors, places, strict=True)): places for places in every}
 
 
 def crossed(protocol: Protocol) -> dict[str, dict[str, float]]:
-    """Return the values of each material that is made of factors, by their ids; nothing of a study without any."""
+    """Return the numbers of each material that is made of factors, by their ids; nothing of a study without any."""
     factors: Factors = getattr(protocol, "factors", ())
     return {
-        name: {of.id: of.values[i] for of, i in zip(factors, places, strict=True)}
-        for name, places in (_materials(factors) if factors else {}).items()
+        name: {of.id: of.values[i] for of, i in zip(factors, places, strict=True) if of.values}
+        for name, places in (_materials(factors) if any(one.values for one in factors) else {}).items()
     }
+
+
+def combinations(protocol: Protocol) -> frozenset[str]:
+    """Return the materials that are made of the factors of a study that has some."""
+    return frozenset(_materials(getattr(protocol, "factors", ())))
 
 
 def _read(document: Table) -> Factors:
@@ -130,10 +146,10 @@ def _reasons(document: Table) -> Iterator[Broken]:
         yield Broken(("factors",), allowed)
         return
     table, key, at = place
-    if (combinations := prod(len(one.values) for one in factors)) > MOST:
-        yield Broken(("factors",), f"at most {MOST} combinations (there are {combinations})")
+    if (crossings := prod(len(one.levels) for one in factors)) > MOST:
+        yield Broken(("factors",), f"at most {MOST} combinations (there are {crossings})")
         return
-    if len(_materials(factors)) < combinations:
+    if len(_materials(factors)) < crossings:
         yield Broken(("factors",), "value names that make the name of each combination unique")
     for i, factor in enumerate(factors):
         places = list(_places(document[table][key][at], factor.changes.split(".")))
@@ -160,7 +176,7 @@ def _places(table: Table, path: Sequence[str]) -> Iterator[tuple[Place, Table]]:
                 yield from (((*at, *place), own) for place, own in inner)
 
 
-def _put(held: Any, place: Place, value: float | None) -> Any:
+def _put(held: Any, place: Place, value: float | str | None) -> Any:
     """Return a table, or tuple of tables, with a value at a place."""
     key, *rest = place
     if isinstance(held, tuple):
@@ -179,7 +195,7 @@ def renewed(document: Table) -> Table:
         stimulus = {**stimuli[at], "material": name}
         for factor, i in zip(factors, places, strict=True):
             for where, _ in _places(stimuli[at], factor.changes.split(".")):
-                stimulus = _put(stimulus, where, factor.values[i])
+                stimulus = _put(stimulus, where, factor.levels[i])
         made.append(stimulus)
     crossing = ((name, _description(factors, places)) for name, places in _materials(factors).items())
     return {
@@ -242,16 +258,16 @@ def broken(table: Table) -> Iterator[Broken]:
 
 def _unlike(document: Table, factors: Factors) -> Iterator[Broken]:
     """Yield where a stimulus of a combination has not its values, or differs from the others in more than these."""
-    combinations, alike = _materials(factors), None
+    made, alike = _materials(factors), None
     for table, own in document.items():
         for key in ("stimuli", "surfaces"):
             for i, one in tables_at(own, key) if isinstance(own, Mapping) else ():
-                if (places := combinations.get(str(one.get("material")))) is None:
+                if (places := made.get(str(one.get("material")))) is None:
                     continue
                 rest = {**one, "material": None}
                 for factor, at in zip(factors, places, strict=True):
                     for where, held in _places(one, factor.changes.split(".")):
-                        if held.get(str(where[-1])) != factor.values[at]:
+                        if held.get(str(where[-1])) != factor.levels[at]:
                             yield Broken((table, key, i, *where), f"{factor.written[at]}, by the factor '{factor.id}'")
                         rest = _put(rest, where, None)
                 alike = alike or rest
@@ -274,14 +290,14 @@ def blocks(protocol: Protocol) -> Iterator[Block]:
     often = " In each task, all values of a factor are presented equally often." if whole else ""
     of = "each value of the factor" if len(factors) == 1 else "every combination of the factors' values"
     yield Said(
-        f"{count(prod(len(one.values) for one in factors), 'material')} vary by factors ({of}) and are otherwise "
+        f"{count(prod(len(one.levels) for one in factors), 'material')} vary by factors ({of}) and are otherwise "
         f"identical.{often} The factors set:"
     )
     yield page_facts(*((one.id, f"{one.changes}: {_values(one)}") for one in factors))
 
 
 def _values(factor: Factor) -> str:
-    if not factor.names:
+    if not (factor.names and factor.values):
         return ", ".join(factor.written)
     named_values = zip(factor.written, factor.names, strict=True)
     return ", ".join(f"{said} ({named(name)})" for said, name in named_values)

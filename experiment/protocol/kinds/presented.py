@@ -8,7 +8,7 @@ from pydantic import Field
 from palpate.experiment.protocol.designs import NAMES, design_of
 from palpate.experiment.protocol.kinds import ProtocolKind, number_at, table_at, tables_at
 from palpate.experiment.protocol.models import KindTable
-from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Name, Rules, Table
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Name, Rules, Table
 
 SAMPLE_KEYS = "123456789abcdefghijklmnopqrstuvwxyz"
 """Keys of what is felt in the familiarisation, where materials have none."""
@@ -210,15 +210,31 @@ class Part(Confined):
         return lasts_s
 
 
+class Site(Confined):
+    """A site of the body, with an actuator of its own.
+
+    Attributes:
+        name: of the site, as in `[[sites]]` of a rig.
+        place: where on the body.
+        peak_m_s2: largest acceleration there.
+    """
+
+    name: Name
+    place: Line
+    peak_m_s2: Annotated[float, Field(gt=0, le=100)]
+
+
 class PresentedStimulus(Confined):
     """A material's stimulus.
 
     Attributes:
         material: whose stimulus it is.
+        site: where it is felt, with `[[presented.sites]]`.
         parts: what it is made of, one after the other.
     """
 
     material: Name
+    site: Name | None = None
     parts: Annotated[tuple[Part, ...], Field(min_length=1)]
 
     @property
@@ -236,6 +252,7 @@ class Presented(KindTable):
         pause_s: between the stimuli of a trial, if there are several.
         left_out_max: largest share (rms) of a stimulus that a rig may leave out; rigs that leave out more or were not
             measured are refused.
+        sites: of the body, if stimuli are felt at several.
         stimuli: what is played for each material.
     """
 
@@ -243,7 +260,18 @@ class Presented(KindTable):
     gap_s: Annotated[float, Field(ge=0, le=60)]
     pause_s: Annotated[float, Field(ge=0.2, le=10)] | None = None
     left_out_max: Annotated[float, Field(gt=0, le=1)] | None = None
+    sites: tuple[Site, ...] = ()
     stimuli: Annotated[tuple[PresentedStimulus, ...], Field(min_length=1)]
+
+    @property
+    def limits_m_s2(self) -> dict[str | None, float]:
+        """The largest acceleration at each site; empty without any."""
+        return {one.name: one.peak_m_s2 for one in self.sites}
+
+    @property
+    def site_of(self) -> dict[str, str | None]:
+        """The site of each material's stimulus."""
+        return {one.material: one.site for one in self.stimuli}
 
     @property
     def trial_s(self) -> float:
@@ -275,6 +303,7 @@ class Presented(KindTable):
 def _rules(table: Table) -> Iterator[Broken]:
     """The kind `presented` needs `[presented]`, with a stimulus for each material, and `pause_s` if a trial has several
     stimuli. Its tasks are `virtual`; no amplitude is above `exposure.vibration_peak_m_s2`; `masker.probe` is omitted.
+    With `sites`, each stimulus has one, and each site a stimulus; its `peak_m_s2` limits their amplitudes.
     """
     if table.get("presented") is None:
         yield Broken(("presented",), "a table, because tasks of the kind 'presented' need it")
@@ -303,6 +332,7 @@ def _stimuli(table: Table, own: Table) -> Iterator[Broken]:
     if own and (without := [str(one) for one in ids if one not in had]):
         yield Broken(("presented", "stimuli"), f"one for each material; missing: {', '.join(without)}")
     peak, hashes = number_at(table_at(table, "exposure"), "vibration_peak_m_s2"), dict[object, object]()
+    yield from _sites(own, peak)
     for i, one in tables_at(own, "stimuli"):
         if had[i] not in ids or had[i] in had[:i]:
             allowed = f"one of the materials, each once: {', '.join(map(str, ids))}"
@@ -318,6 +348,33 @@ def _stimuli(table: Table, own: Table) -> Iterator[Broken]:
                 if peak is not None and strongest is not None and strongest > peak:
                     place = ("presented", "stimuli", i, "parts", j, name, "amplitude_m_s2")
                     yield Broken(place, f"at most exposure.vibration_peak_m_s2 ({peak:g})")
+
+
+def _sites(own: Table, peak: float | None) -> Iterator[Broken]:
+    """Yield what is wrong with the sites of the body, of which `own` has the stimuli."""
+    limits: dict[object, float | None] = {}
+    used = [one.get("site") for _, one in tables_at(own, "stimuli")]
+    for i, site in tables_at(own, "sites"):
+        name, limit = site.get("name"), number_at(site, "peak_m_s2")
+        if name in limits:
+            yield Broken(("presented", "sites", i, "name"), "a unique name")
+        elif name not in used:
+            yield Broken(("presented", "sites", i, "name"), "the site of a stimulus")
+        if peak is not None and limit is not None and limit > peak:
+            place = ("presented", "sites", i, "peak_m_s2")
+            yield Broken(place, f"at most exposure.vibration_peak_m_s2 ({peak:g})")
+        limits[name] = limit
+    for i, one in tables_at(own, "stimuli"):
+        if (named := one.get("site")) not in (limits or (None,)):
+            allowed = f"one of presented.sites: {', '.join(map(str, limits))}" if limits else "no site"
+            yield Broken(("presented", "stimuli", i, "site"), allowed)
+        least = limits.get(named)
+        for j, part in tables_at(one, "parts"):
+            for name in WAVES:
+                strongest = number_at(table_at(part, name), "amplitude_m_s2")
+                if least is not None and strongest is not None and strongest > least:
+                    wave = ("presented", "stimuli", i, "parts", j, name, "amplitude_m_s2")
+                    yield Broken(wave, f"at most the peak_m_s2 of {named} ({least:g})")
 
 
 def _silent(table: Table) -> list[object]:

@@ -411,7 +411,7 @@ def _materials(protocol: Protocol) -> Iterator[Block]:
     made = frozenset[str]()
     if getattr(protocol, "factors", ()):
         factors = import_module("palpate.experiment.protocol.designs.factors")
-        made = frozenset(factors.crossed(protocol))
+        made = factors.combinations(protocol)
         yield from factors.blocks(protocol)
     if ranked := design_words(protocol.tasks[0]).ranked(protocol):
         yield Said(ranked)

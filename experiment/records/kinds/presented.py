@@ -8,7 +8,7 @@ from palpate.experiment.records.stimulus import Delivered, Stimulus
 
 
 class Interval(Record):
-    """One stimulus of a trial: that of `material`, asked for at the session time `onset_ns`.
+    """One stimulus of a trial: that of `material`, asked for at the session time `onset_ns`, at a site of the body.
 
     `delivered` is the loopback's result; None without one or a known fault.
     """
@@ -17,6 +17,7 @@ class Interval(Record):
     onset_ns: int
     stimulus: Stimulus
     delivered: Delivered | None
+    site: str | None = None
 
     @property
     def began_ns(self) -> int:
@@ -36,6 +37,10 @@ class Presentation(Outcome):
     def felt_s(self) -> tuple[float, ...]:
         return tuple(one.stimulus.lasts_s for one in self.intervals)
 
+    @property
+    def felt_at(self) -> dict[str, str | None]:
+        return {one.material: one.site for one in self.intervals}
+
 
 class Sample(Entry):
     """A stimulus of no trial, of a material at a level, which the participant felt while getting familiar with it."""
@@ -47,6 +52,10 @@ class Sample(Entry):
     @property
     def felt_s(self) -> tuple[float, ...]:
         return (self.interval.stimulus.lasts_s,)
+
+    @property
+    def felt_at(self) -> dict[str, str | None]:
+        return {self.interval.material: self.interval.site}
 
 
 class CutShort(Outcome):
@@ -64,6 +73,10 @@ class CutShort(Outcome):
     @property
     def felt_s(self) -> tuple[float, ...]:
         return tuple(one.stimulus.lasts_s for one in self.intervals)
+
+    @property
+    def felt_at(self) -> dict[str, str | None]:
+        return {one.material: one.site for one in self.intervals}
 
     @property
     def put_off(self) -> bool:

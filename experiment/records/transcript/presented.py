@@ -8,7 +8,7 @@ from palpate.experiment.records.transcript.stimulus import played_line
 
 
 def _shown(intervals: Sequence[Interval]) -> str:
-    return "; ".join(f"{one.material}: {_one(one)}" for one in intervals)
+    return "; ".join(f"{one.material}{f' at {one.site}' if one.site else ''}: {_one(one)}" for one in intervals)
 
 
 def _one(interval: Interval) -> str:

@@ -230,12 +230,10 @@ class WiredCard:
     def __init__(self, rig: Rig) -> None:
         """Start the card of a simulated rig with an audio device. Raises `AudioError` where JACK does not run."""
         audio = opening.audio_of(rig)
-        self._actuator, self._channels, self._rate_hz = rig.actuator, audio.channels, audio.rate_hz
+        self._rig, self._channels, self._rate_hz = rig, audio.channels, audio.rate_hz
+        outputs, inputs = opening.open_channels(rig)
         with ExitStack() as opened:
-            channels = audio.channels
-            self.card = SoundCard(
-                rate_hz=audio.rate_hz, block=audio.block, inputs=channels.inputs, outputs=channels.outputs
-            )
+            self.card = SoundCard(rate_hz=audio.rate_hz, block=audio.block, inputs=inputs, outputs=outputs)
             opened.callback(self.card.close)
             self._opened = opened.pop_all()
 
@@ -244,12 +242,13 @@ class WiredCard:
         inputs = self.card.channels("in")
         for entry in range(1, inputs + 1):
             self.card.disconnect(entry)
-        if self._channels.actuator <= self.card.channels("out") and (self._channels.loopback or 0) <= inputs:
-            self.connect_loopback()
+        self.connect_loopback()
 
-    def panel(self, moving: MovingPanel | None) -> CardPanel:
-        """Return the panel on the actuator's channel, from now on. Raises `AudioError`."""
-        panel = CardPanel(self.card.tap(self._channels.actuator, seconds=LONGEST_S), self._actuator, moving)
+    def panel(self, site: str | None, moving: MovingPanel | None) -> CardPanel:
+        """Return the panel on the channel of a site's actuator, from now on. Raises `AudioError`."""
+        own = self._rig.at(site)
+        tap = self.card.tap(opening.audio_of(own).channels.actuator, seconds=LONGEST_S)
+        panel = CardPanel(tap, own.actuator, moving)
         self._opened.callback(panel.close)
         return panel
 
@@ -265,9 +264,12 @@ class WiredCard:
         return mouth
 
     def connect_loopback(self) -> None:
-        """Lay the loopback's cable, where the rig has one."""
-        if self._channels.loopback is not None:
-            self.card.connect(self._channels.actuator, self._channels.loopback)
+        """Lay the cable of each loopback that the rig has, and the open stream channels for."""
+        outputs, inputs = self.card.channels("out"), self.card.channels("in")
+        each = (opening.audio_of(one).channels for one in self._rig.views.values())
+        for actuator, loopback in {(one.actuator, one.loopback) for one in each}:
+            if loopback is not None and loopback <= inputs and actuator <= outputs:
+                self.card.connect(actuator, loopback)
 
     def __enter__(self) -> WiredCard:
         return self

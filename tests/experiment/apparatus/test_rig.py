@@ -26,6 +26,7 @@ from palpate.experiment.rehearsal.clock import ManualClock
 from palpate.experiment.synthesis.shaping import Response
 from palpate.experiment.synthesis.voltages import Drive
 from tests.approved import Refuses
+from tests.rig import sites
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
@@ -381,3 +382,74 @@ def test_stops_came_with_the_second_format_and_make_no_other_rig(write: Write) -
     rig = rigs.load(write(newer + stops))
     assert rig.stops == STOPS
     assert rigs.sha256(rig) == rigs.sha256(rigs.load(write(newer)))
+
+
+def sounding(folder: Path, change: tuple[str, str] = ("", ""), since: str = "[[sites]]") -> Path:
+    """The rig of `sites`, with one change in its text from a table on."""
+    path = sites.card_rig(folder)
+    text = path.read_text("utf-8")
+    at = text.index(since)
+    path.write_text(text[:at] + text[at:].replace(*change, 1), "utf-8")
+    return path
+
+
+def test_a_rig_has_each_site_as_its_only_actuator(tmp_path: Path) -> None:
+    rig = rigs.load(sounding(tmp_path))
+    palm, wrist = rig.at("palm"), rig.at("wrist")
+    assert rig.at(None) == rig
+    assert list(rig.views) == [None, "palm", "wrist"]
+    assert (palm.actuator.full_scale_m_s2, wrist.actuator.full_scale_m_s2) == (40.0, 25.0)
+    each = [own.audio.channels for own in rig.views.values() if own.audio is not None]
+    assert [(one.actuator, one.loopback) for one in each] == [(3, 2), (4, 3), (3, 2)]
+    assert opening.open_channels(rig) == (4, 3)
+    assert palm.folder == tmp_path
+    with pytest.raises(RigError) as raised:
+        rig.at("toe")
+    assert raised.value.finding.allowed == "palm, wrist"
+    settings = opening.session_stream(rig, limit_m_s2=10.0, listens=False, masker=None)
+    # Volts behind a response go up to full scale, and accelerations up to the limit: 10 of 40.
+    assert settings.ceilings == (0.0, 0.0, 1.0, 0.25)
+    assert settings.inputs == 3
+
+
+def test_a_site_is_part_of_the_rig_that_a_session_records(tmp_path: Path) -> None:
+    before = rigs.sha256(rigs.load(sounding(tmp_path)))
+    assert rigs.sha256(rigs.load(sounding(tmp_path, ("full_scale_m_s2 = 40.0", "full_scale_m_s2 = 41.0")))) != before
+    assert rigs.sha256(rigs.load(sounding(tmp_path, ("", "")))) == before
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        (('name = "palm"', 'name = "wrist"'), "sites[1].name"),
+        (("channel = 4", "channel = 3"), "sites[1].channel"),
+        (("channel = 4", "channel = 2"), "sites[0].channel"),
+        (("loopback = 3", "loopback = 1"), "sites[0].loopback"),
+        (("loopback = 3\n", ""), "sites[0].loopback"),
+        (("channel = 4\n", ""), "sites[0].channel"),
+        (("rate_hz = 48000", "rate_hz = 44100"), "sites[0].actuator.rate_hz"),
+        (('driver = "audio"', 'driver = "pcm-tcp"\naddress = "127.0.0.1:4711"'), "sites[0].actuator.driver"),
+    ],
+)
+def test_what_is_wrong_with_a_site_is_named(tmp_path: Path, change: tuple[str, str], field: str) -> None:
+    with pytest.raises(RigError) as raised:
+        rigs.load(sounding(tmp_path, change))
+    assert field in {one.field for one in raised.value.findings}
+
+
+def test_a_sensor_stays_on_no_rig_of_several_sites(tmp_path: Path) -> None:
+    sensor = '[accelerometer]\ndriver = "pcm-tcp"\naddress = "127.0.0.1:4712"\nrate_hz = 5000\n'
+    sensor += "full_scale_m_s2 = 200\ntrigger_m_s2 = 1\nstays = {}\n\n[[sites]]"
+    rigs.load(sounding(tmp_path, ("[[sites]]", sensor.format("false"))))
+    with pytest.raises(RigError) as raised:
+        rigs.load(sounding(tmp_path, ("[[sites]]", sensor.format("true"))))
+    assert [one.field for one in raised.value.findings] == ["accelerometer.stays"]
+
+
+def test_a_site_without_a_loopback_is_heard_by_none(tmp_path: Path) -> None:
+    path = sounding(tmp_path, ("loopback = 3\n", ""))
+    text = path.read_text("utf-8")
+    path.write_text(text.replace(sites.LATENCY, "", 1), "utf-8")
+    own = rigs.load(path).at("palm").audio
+    assert own is not None
+    assert own.channels.loopback is None

@@ -53,6 +53,21 @@ def protocol(**how: Any) -> Protocol:
     return ProtocolFile.model_validate(presenting(**how))
 
 
+SITES: tuple[dict[str, Any], ...] = (
+    {"name": "palm", "place": "The left palm.", "peak_m_s2": 4.5},
+    {"name": "wrist", "place": "The left wrist.", "peak_m_s2": 5.0},
+)
+
+
+def sited(*at: str) -> dict[str, Any]:
+    """The small study of `presenting` with its stimuli at sites, in the order of the file."""
+    study = presenting()
+    stimuli = study["presented"]["stimuli"]
+    sites = [at[i % len(at)] for i in range(len(stimuli))]
+    placed = tuple({**one, "site": site} for one, site in zip(stimuli, sites, strict=True))
+    return {**study, "presented": {**study["presented"], "sites": SITES, "stimuli": placed}}
+
+
 TRAINING: dict[str, Any] = {"trials": 12, "feedback": True, "criterion": {"right": 4, "of": 5, "unmet": "end"}}
 
 STUDIES: tuple[Protocol, ...] = (

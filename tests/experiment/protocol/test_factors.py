@@ -20,7 +20,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import page
 from palpate.experiment.settings.load import checked, find
 from palpate.experiment.study.schedule import schedule
-from tests.experiment.protocol.presented import presenting
+from tests.experiment.protocol.presented import presenting, sited
 from tests.experiment.protocol.small import changed, with_tuples
 
 HARDER = shipped("harder.toml").read_text("utf-8")
@@ -126,6 +126,57 @@ def test_two_factors_do_not_change_the_same_key() -> None:
     stated = changed(tables(), (*STIMULUS, "parts", 0, "decaying", "amplitude_m_s2"), 4.0)
     twice = changed(stated, (*AMPLITUDE, "changes"), "decaying.frequency_hz")
     assert "factors[1].changes" in {one.field for one in find(ProtocolFile, twice, {})}
+
+
+def placed() -> dict[str, Any]:
+    """A study of amplitudes at sites."""
+    study = sited("palm", "wrist")
+    del study["materials"]
+    amplitude = {"id": "amplitude", "changes": "sinusoid.amplitude_m_s2", "values": (1.0, 2.0)}
+    stimulus = {"parts": ({"sinusoid": {"frequency_hz": 100.0, "lasts_s": 0.25}},)}
+    return {
+        **study,
+        "presented": {**study["presented"], "stimuli": (stimulus,)},
+        "factors": ({"id": "site", "changes": "site", "names": ("palm", "wrist")}, amplitude),
+    }
+
+
+def test_sites_of_the_body_are_crossed_with_numbers() -> None:
+    protocol = read(placed())
+    assert protocol.table(Presented).site_of == {
+        "palm at 1 m/s^2": "palm",
+        "palm at 2 m/s^2": "palm",
+        "wrist at 1 m/s^2": "wrist",
+        "wrist at 2 m/s^2": "wrist",
+    }
+    # Only numbers can be regressed on.
+    assert crossed(protocol)["wrist at 2 m/s^2"] == {"amplitude": 2.0}
+    trials = schedule(protocol=protocol, participant="01", task_id=protocol.tasks[0].id, seed=1)
+    at = Counter(protocol.table(Presented).site_of[one.presented[0]] for one in trials)
+    assert len(set(at.values())) == 1
+
+
+def test_sites_alone_are_no_numbers() -> None:
+    study = placed()
+    stimulus = changed(study, (*STIMULUS, "parts", 0, "sinusoid", "amplitude_m_s2"), 2.0)
+    protocol = read({**stimulus, "factors": study["factors"][:1]})
+    assert [one.id for one in protocol.materials] == ["palm", "wrist"]
+    assert crossed(protocol) == {}
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "field"),
+    [
+        ((*FREQUENCY, "values"), (1.0, 2.0), "factors[0].values"),
+        ((*FREQUENCY, "names"), ("palm",), "factors[0].values"),
+        ((*FREQUENCY, "names"), ("palm", "toe"), "factors[0]"),
+        ((*AMPLITUDE, "values"), (1.0, 4.75), "factors[1]"),
+        ((*STIMULUS, "site"), "palm", "presented.stimuli[0].site"),
+    ],
+)
+def test_a_factor_of_sites_has_those_of_the_study(path: tuple[str | int, ...], value: object, field: str) -> None:
+    found = {one.field for one in find(ProtocolFile, changed(placed(), path, value), {})}
+    assert any(one is not None and one.startswith(field) for one in found)
 
 
 @pytest.mark.parametrize(

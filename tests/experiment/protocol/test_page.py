@@ -31,6 +31,7 @@ from palpate.experiment.session.runner import MOST_ATTEMPTS
 from palpate.experiment.settings.characters import JOINERS, deceptive, hidden, leftward
 from tests.experiment.protocol import leveled, tapping
 from tests.experiment.protocol.asking import asked
+from tests.experiment.protocol.presented import sited
 from tests.experiment.protocol.small import before_contact, changed, document, leaves, okamoto2012, protocol, with_text
 
 
@@ -187,6 +188,16 @@ CASES += [
     for path, kind, value in fields(study)
     for other in others(kind, value)
     if path[0] == "factors" or path[-1] == "ordered"
+]
+
+
+SITED = ProtocolFile.model_validate(sited("palm", "wrist"))
+
+CASES += [
+    (SITED, path, value, other)
+    for path, kind, value in fields(SITED)
+    for other in others(kind, value)
+    if "sites" in path or path[-1] == "site"
 ]
 
 

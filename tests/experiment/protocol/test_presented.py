@@ -12,7 +12,7 @@ from palpate.experiment.protocol.files import ProtocolFile, load, shipped
 from palpate.experiment.protocol.kinds.presented import KIND, Presented
 from palpate.experiment.records.events import PLACES
 from palpate.experiment.settings.load import find
-from tests.experiment.protocol.presented import RECORDED, presenting
+from tests.experiment.protocol.presented import RECORDED, presenting, sited
 from tests.experiment.protocol.small import changed, with_tuples
 
 
@@ -67,6 +67,29 @@ def test_a_file_that_is_named_twice_has_one_hash() -> None:
     (found,) = find(ProtocolFile, presenting(first=(RECORDED, one)), {})
     assert found.field.endswith("parts[1].recorded.sha256")
     assert not find(ProtocolFile, presenting(first=(RECORDED, RECORDED)), {})
+
+
+SITE = ("presented", "sites", 0)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "field"),
+    [
+        ((*SITE, "name"), "wrist", "presented.sites[1].name"),
+        ((*SITE, "name"), "toe", "presented.sites[0].name"),
+        ((*SITE, "name"), "toe", "presented.stimuli[0].site"),
+        ((*SITE, "peak_m_s2"), 99.0, "presented.sites[0].peak_m_s2"),
+        ((*SITE, "peak_m_s2"), 2.5, f"{PART}.sinusoid.amplitude_m_s2"),
+        ((*FIRST, "site"), None, "presented.stimuli[0].site"),
+        (("presented", "sites"), (), "presented.stimuli[0].site"),
+    ],
+)
+def test_sites_of_the_body_are_those_of_the_stimuli_each_with_its_limit(
+    path: tuple[str | int, ...], value: object, field: str
+) -> None:
+    right = sited("palm", "wrist")
+    assert not find(ProtocolFile, right, {})
+    assert field in {one.field for one in find(ProtocolFile, changed(right, path, value), {})}
 
 
 def test_a_trial_presents_no_more_than_some_design_asks_about() -> None:

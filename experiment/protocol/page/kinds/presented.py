@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from palpate.experiment.protocol.blocks import Block, Item, Said, named, number
+from palpate.experiment.protocol.blocks import Block, Item, Said, count, facts, named, number
 from palpate.experiment.protocol.kinds.presented import SAMPLE_KEYS, Part, Presented, PresentedStimulus
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.protocol.page.words import KindWords
@@ -54,7 +54,14 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
         "time:"
     )
     for one in table.stimuli:
-        yield Item(f"{named(one.material)}: {_declared(one)}.")
+        at = "" if one.site is None else f" at {named(one.site)}"
+        yield Item(f"{named(one.material)}{at}: {_declared(one)}.")
+    if table.sites:
+        yield Said(
+            f"An actuator at each of {count(len(table.sites), 'site')} of the body plays the stimuli listed for it, "
+            "while the others are silent. palpate limits the peak acceleration at each site:"
+        )
+        yield facts(*((one.name, f"{one.place}; {number(one.peak_m_s2)} m/s^2") for one in table.sites))
     yield Said(
         "The familiarization plays each stimulus once. Until the longest familiarization time has passed, the "
         "experimenter can replay any stimulus with its key. If levels change, each stimulus is played at its "

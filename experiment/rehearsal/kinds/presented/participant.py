@@ -9,7 +9,7 @@ None of the parameters is fitted, and all are ours.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,16 +19,21 @@ from numpy.typing import NDArray
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.desk.messages import ENTER
 from palpate.experiment.desk.questions import Arm, Event, Familiarise, Play, Played, Question, Reply
+from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.designs import Percept, judge_of
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
+from palpate.experiment.session.kinds.presented.fidelity import sites
 from palpate.experiment.session.kinds.presented.stimuli import rendered
 from palpate.experiment.synthesis.noticing import FINGERTIP, THIRDS_HZ
 
 MEMORY_DB, SENSITIVITY_PER_DB = 1.5, 0.2
 THRESHOLD_SD_DB, TOLD_APART_DB = 1.0, 1.5
+
+ELSEWHERE_DB = 15.0
+"""What another site of the body adds to the difference of two stimuli, dB."""
 
 WINDOW_S = 0.05
 """Touch follows how strong a vibration is from window to window, s."""
@@ -78,18 +83,27 @@ def _db(ratio: Any) -> Any:
     return 10 * np.log10(np.maximum(ratio, 1.0))
 
 
+@dataclass(frozen=True)
+class Felt:
+    """A stimulus, m/s^2, shape (n,), None for nothing, and the site of the body that felt it, if there are several."""
+
+    moved_m_s2: NDArray[np.float64] | None
+    site: str | None
+
+
 @dataclass
 class Observer:
-    """The touch of a participant, which remembers stimuli by their materials, in the order of the file."""
+    """The touch of a participant, which remembers stimuli and their sites by materials, in the order of the file."""
 
-    remembered: Sequence[Feeling]
+    remembered: Sequence[tuple[Feeling, str | None]]
 
-    def percept(self, felt: NDArray[np.float64] | None, rate_hz: int, rng: np.random.Generator) -> Percept:
-        """Return what a stimulus, m/s^2, shape (n,), felt like; None for nothing."""
-        got = feeling(np.zeros(1) if felt is None else felt, rate_hz)
+    def percept(self, felt: Felt, rate_hz: int, rng: np.random.Generator) -> Percept:
+        """Return what a stimulus felt like."""
+        got = feeling(np.zeros(1) if felt.moved_m_s2 is None else felt.moved_m_s2, rate_hz)
         alike: NDArray[np.float64] = np.empty(0)
         if got.whole_db > abs(THRESHOLD_SD_DB * rng.normal()):
-            alike = -SENSITIVITY_PER_DB * np.array([got.apart_db(one) for one in self.remembered])
+            apart_db = [got.apart_db(one) + ELSEWHERE_DB * (site != felt.site) for one, site in self.remembered]
+            alike = -SENSITIVITY_PER_DB * np.array(apart_db)
         return Percept(alike, strength=got.whole_db, told_apart=TOLD_APART_DB)
 
 
@@ -97,17 +111,19 @@ class Observer:
 class Presentee(SimulatedPerson):
     """Implements `Console`: a participant to whom stimuli are presented, and a simulated experimenter at the keys."""
 
-    panel: Panel | CardPanel | None
+    panels: Mapping[str | None, Panel | CardPanel]
     rate_hz: int
     real_time: bool
-    _felt: list[NDArray[np.float64] | None] = field(default_factory=list, init=False)
+    _felt: list[Felt] = field(default_factory=list, init=False)
     _attempt: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         rng, stimuli = self._own_rng(), rendered(self.protocol, self.rate_hz)
+        site_of = self.protocol.table(Presented).site_of
         feelings = [feeling(stimuli[one.id].waveform_m_s2, self.rate_hz) for one in self.protocol.materials]
-        self._observer = Observer([_blurred(one, rng) for one in feelings])
+        sites = (site_of[one.id] for one in self.protocol.materials)
+        self._observer = Observer([(_blurred(one, rng), site) for one, site in zip(feelings, sites, strict=True)])
 
     def ask(self, question: Question | Arm) -> Reply:
         match question:
@@ -115,7 +131,7 @@ class Presentee(SimulatedPerson):
                 return Reply(ENTER)
             case Arm(attempt=attempt):
                 self._attempt, self._felt = attempt, []
-                if self._collected() is not None:
+                if self._collected().moved_m_s2 is not None:
                     self.show("The participant felt a stimulus in an attempt that did not count")
             case Play(trial=trial):
                 self.clock.sleep_ns(int(self._rng(trial, self._attempt, 0).uniform(*PRESSES_S) * 1e9))
@@ -129,12 +145,14 @@ class Presentee(SimulatedPerson):
                 self._felt.append(self._collected())
         super().tell(event)
 
-    def _collected(self) -> NDArray[np.float64] | None:
-        """Return what the panel received since this was called last, m/s^2, (n,); None for nothing."""
-        parts = []
-        while self.panel is not None and (part := self.panel.felt(0)) is not None:
-            parts.append(part)
-        return np.concatenate(parts) if parts else None
+    def _collected(self) -> Felt:
+        """Return what the panels received since this was called last."""
+        parts, at = [], None
+        for site, panel in self.panels.items():
+            while (part := panel.felt(0)) is not None:
+                parts.append(part)
+                at = site
+        return Felt(np.concatenate(parts) if parts else None, at)
 
     def says(self, trial: int) -> tuple[str, str]:
         rng = self._rng(trial, self._attempt, 1)
@@ -152,10 +170,11 @@ def _blurred(of: Feeling, rng: np.random.Generator) -> Feeling:
 
 def _person(parts: Parts, **everybody: Any) -> Presentee:
     rate_hz = parts.rig.actuator.rate_hz
-    return Presentee(**everybody, panel=parts.panel, rate_hz=rate_hz, real_time=parts.real_time)
+    return Presentee(**everybody, panels=parts.panels, rate_hz=rate_hz, real_time=parts.real_time)
 
 
 def _lacks_nothing(rig: Rig, protocol: Protocol) -> None:
+    sites(protocol, rig)
     rendered(protocol, rig.actuator.rate_hz)
 
 

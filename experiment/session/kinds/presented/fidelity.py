@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_conditioner, open_drive
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
-from palpate.experiment.apparatus.rig import ActuatorRig, Rig
+from palpate.experiment.apparatus.rig import Rig, check_age, check_stops
 from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy, RigError
 from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
@@ -33,7 +33,7 @@ SHOWN = 5e-6
 
 @dataclass(frozen=True)
 class Made:
-    """What a rig makes of the stimulus of a material, as a session would hand it over.
+    """What a rig makes of the stimulus of a material at its site, as a session would hand it over.
 
     `asked_m_s2` is the peak that is declared, `reached_m_s2` the panel's at most, by its measured response. Shares are
     of the rms: `left_out` of what it does not carry, `off` of all that differs. `limited`: a limit changes it. The last
@@ -50,6 +50,7 @@ class Made:
     before: float
     gain: float
     gain_hz: float
+    site: str | None = None
 
     @property
     def words(self) -> str:
@@ -59,17 +60,21 @@ class Made:
         gain = f"{self.off:.1%} error because the inverse has a gain of {self.gain:.3g} at {self.gain_hz:.0f} Hz"
         inverse = f", {gain}, which moves the panel by {self.before:.1%} before onset" if self.gain else ""
         limited = ", reduced by a limit" if self.limited else ""
-        return f"{self.material}: {self.lasts_s:g} s, {peak}, {out}{inverse}{limited}"
+        at = "" if self.site is None else f" at {self.site}"
+        return f"{self.material}{at}: {self.lasts_s:g} s, {peak}, {out}{inverse}{limited}"
 
 
 def on_rig(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> tuple[Made, ...]:
     """Return what a rig makes of every stimulus of a study. Raises as `rendered` and `conditioning.open_drive`."""
-    limit_m_s2, actuator = protocol.exposure.vibration_peak_m_s2, rig.actuator
-    drive = open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2)
-    condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive)
+    table, conditions = protocol.table(Presented), dict[str | None, Conditioner]()
+    for site, own in sites(protocol, rig).items():
+        limit_m_s2 = table.limits_m_s2.get(site, protocol.exposure.vibration_peak_m_s2)
+        drive = open_drive(rig_folder, own.actuator, limit_m_s2=limit_m_s2)
+        conditions[site] = open_conditioner(own, limit_m_s2=limit_m_s2, drive=drive)
     found = []
-    for material, stimulus in rendered(protocol, actuator.rate_hz).items():
-        played = condition(stimulus)
+    for material, stimulus in rendered(protocol, rig.actuator.rate_hz).items():
+        site = table.site_of[material]
+        played = conditions[site](stimulus)
         kept, (error, _) = played.on_record(), played.budget()
         found.append(
             Made(
@@ -83,6 +88,7 @@ def on_rig(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> tuple[Made, ...
                 before=error.before,
                 gain=error.gain,
                 gain_hz=error.gain_hz,
+                site=site,
             )
         )
     return tuple(found)
@@ -90,10 +96,12 @@ def on_rig(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> tuple[Made, ...
 
 def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[Finding]:
     """Yield why no participant is run on a rig that makes this of the stimuli."""
-    where, actuator = f"rig '{rig.rig.name}'", rig.actuator
+    where, limits_m_s2 = f"rig '{rig.rig.name}'", protocol.table(Presented).limits_m_s2
     for one in every:
         if one.limited:
             limit = f"exposure.vibration_peak_m_s2 ({protocol.exposure.vibration_peak_m_s2:g})"
+            if one.site is not None:
+                limit = f"the peak_m_s2 of {one.site} ({limits_m_s2[one.site]:g})"
             yield Finding(
                 f"a limit changes a stimulus ({one.words})",
                 where,
@@ -103,7 +111,7 @@ def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[
     most = protocol.table(Presented).left_out_max
     if most is None:
         return
-    if not is_known(actuator):
+    if not is_known(protocol, rig):
         remedy: Remedy | str = "measure the panel, and write actuator.low_hz and high_hz into the rig file"
         yield Finding(UNKNOWN, where, allowed="a measured band (presented.left_out_max)", remedy=remedy)
     for one in every:
@@ -114,9 +122,17 @@ def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[
             )
 
 
-def is_known(actuator: ActuatorRig) -> bool:
-    """Return whether somebody measured which frequencies an actuator carries."""
-    return actuator.shaping is not None or actuator.carries_hz is not None or actuator.inverse_ahead_ms is not None
+def is_known(protocol: Protocol, rig: Rig) -> bool:
+    """Return whether somebody measured which frequencies the actuators of a study carry."""
+    return all(
+        one.shaping is not None or one.carries_hz is not None or one.inverse_ahead_ms is not None
+        for one in (own.actuator for own in sites(protocol, rig).values())
+    )
+
+
+def sites(protocol: Protocol, rig: Rig) -> dict[str | None, Rig]:
+    """Return the rig at each site of a study, None for one without sites. Raises `RigError` for a site it lacks."""
+    return {site: rig.at(site) for site in protocol.sites}
 
 
 def companions(protocol: Protocol) -> Iterator[Finding]:
@@ -169,7 +185,13 @@ def _doubts(heard: Recording, place: str) -> Iterator[Finding]:
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     """Return what a rig leaves out at most, as far as somebody measured. Raises `RigError` for one that is refused."""
-    refuse_unmeasured(rig_file, rig, today)
+    limits_m_s2 = protocol.table(Presented).limits_m_s2
+    for site, own in sites(protocol, rig).items():
+        refuse_unmeasured(rig_file, own, today)
+        if site is not None:
+            check_stops(own, limits_m_s2[site], today)
+            if own.audio is not None and not rig.rig.simulated:
+                check_age(own.audio.latency, today)
     every = on_rig(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     if (refused := next(refusals(protocol, rig, every), None)) is not None:
         raise RigError.at(refused)
@@ -177,7 +199,7 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
     told = f"at most {most.left_out:.2%} (rms) of {most.material} is left out" if most.left_out >= SHOWN else ""
     return (
         told
-        if is_known(rig.actuator)
+        if is_known(protocol, rig)
         else (f"{UNKNOWN}; if it carries all frequencies, {told or 'nothing is left out'}")
     )
 
@@ -186,6 +208,6 @@ def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tup
     """Return what the board reads of a rig, and why no participant is run on it, if so; raises as `on_rig`."""
     every = on_rig(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     refused = next(refusals(protocol, rig, every), None)
-    unknown = "" if is_known(rig.actuator) else f": {UNKNOWN}; if it carries all frequencies, it"
+    unknown = "" if is_known(protocol, rig) else f": {UNKNOWN}; if it carries all frequencies, it"
     told = f"Rig '{rig.rig.name}'{unknown} produces these stimuli: {'; '.join(one.words for one in every)}."
     return told, None if refused is None else RigError.at(refused)

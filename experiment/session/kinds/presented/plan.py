@@ -60,5 +60,5 @@ def plan(*, protocol: Protocol, rig: Rig, task: Task) -> PresentedPlan:
     every = fidelity.on_rig(protocol=protocol, rig=rig, rig_folder=rig.folder or Path())
     refused = next(fidelity.refusals(protocol, rig, every), None)
     own = tuple(one for one in every if one.material in protocol.materials_of(task))
-    unknown = "" if fidelity.is_known(rig.actuator) else fidelity.UNKNOWN
+    unknown = "" if fidelity.is_known(protocol, rig) else fidelity.UNKNOWN
     return PresentedPlan(task.id, task.title, own, "" if refused is None else refused.sentence(), unknown)

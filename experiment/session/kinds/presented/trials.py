@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from typing import TYPE_CHECKING
 
@@ -50,9 +50,9 @@ STILL_PLAYS = "the last stimulus may still be playing; restart the actuator's se
 
 @dataclass(frozen=True)
 class PresentedDevices:
-    """Implements `KindDevices`: an actuator, and the stimuli of materials, by their ids."""
+    """Implements `KindDevices`: the actuator of each site, and the stimuli of materials, by their ids."""
 
-    actuator: Actuator
+    actuators: Mapping[str | None, Actuator]
     stimuli: Mapping[str, Declared]
 
     def begin(self, lent: Lent) -> Presentations:
@@ -61,12 +61,16 @@ class PresentedDevices:
 
 def open_presented(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, opened: ExitStack) -> PresentedDevices:
     """Open what a task needs; otherwise as `laboratory.open_laboratory`. Raises `SynthesisError` as `rendered`."""
-    protocol, settings = sitting.protocol, sitting.rig.actuator
-    stimuli = rendered(protocol, settings.rate_hz)
-    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-    drive = open_drive(sitting.rig_file.parent, settings, limit_m_s2=limit_m_s2)
-    actuator = open_actuator(sitting, drive, stream=stream, ends=ends, opened=opened)
-    return PresentedDevices(actuator, stimuli)
+    protocol, table = sitting.protocol, sitting.protocol.table(Presented)
+    stimuli, actuators = rendered(protocol, sitting.rig.actuator.rate_hz), dict[str | None, Actuator]()
+    for site in protocol.sites:
+        own = replace(sitting, rig=sitting.rig.at(site))
+        limit_m_s2 = table.limits_m_s2.get(site, protocol.exposure.vibration_peak_m_s2)
+        drive = open_drive(sitting.rig_file.parent, own.rig.actuator, limit_m_s2=limit_m_s2)
+        actuators[site] = open_actuator(
+            own, drive, stream=stream, ends=ends, opened=opened, site=site, limit_m_s2=limit_m_s2
+        )
+    return PresentedDevices(actuators, stimuli)
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,7 @@ class Sounded:
     """A stimulus that was, or may be, felt: of a material, asked for at a session time, ns, and what was heard."""
 
     material: str
+    site: str | None
     onset_ns: int
     played: conditioning.Played
     delivered: Delivered | None = None
@@ -90,7 +95,13 @@ class Sounded:
     def on_record(self) -> Interval:
         """Return what goes on record of it; it takes a while to say."""
         stimulus = self.played.on_record()
-        return Interval(material=self.material, onset_ns=self.onset_ns, stimulus=stimulus, delivered=self.delivered)
+        return Interval(
+            material=self.material,
+            onset_ns=self.onset_ns,
+            stimulus=stimulus,
+            delivered=self.delivered,
+            site=self.site,
+        )
 
     @property
     def ends_ns(self) -> int:
@@ -144,7 +155,13 @@ class Presentations(Kind):
 
     @property
     def samples(self) -> Mapping[str, str]:
-        return {key: material if level == 1.0 else f"{material} x {level:g}" for key, (material, level) in self._keyed}
+        return {key: self._sample(material, level) for key, (material, level) in self._keyed}
+
+    def _sample(self, material: str, level: float) -> str:
+        """Return what the experimenter calls a stimulus of the familiarization."""
+        site = self._table.site_of[material]
+        times, at = "" if level == 1.0 else f" x {level:g}", "" if site is None else f" at {site}"
+        return f"{material}{times}{at}"
 
     @property
     def _keyed(self) -> Iterator[tuple[str, tuple[str, float]]]:
@@ -211,13 +228,14 @@ class Presentations(Kind):
 
     def _play(self, material: str, stimulus: Declared, from_ns: int) -> str:
         """Play a stimulus at a session time, ns, or soon after, to its end; return why it ended early, or nothing."""
-        clock, actuator = self._lent.clock, self._devices.actuator
+        clock, site = self._lent.clock, self._table.site_of[material]
+        actuator = self._devices.actuators[site]
         ahead_ns = actuator.lead_ns + AHEAD_NS if actuator.lead_ns else 0
         played = actuator.prepare(stimulus)
         if reason := self._wait_until(from_ns - ahead_ns):
             actuator.withdraw()
             return reason
-        one = Sounded(material, max(from_ns, clock.now_ns() + ahead_ns), played)
+        one = Sounded(material, site, max(from_ns, clock.now_ns() + ahead_ns), played)
         self._sounded.append(one)
         if not (ahead_ns and actuator.aim(one.onset_ns)):
             one.onset_ns = clock.now_ns()
@@ -261,7 +279,8 @@ class Presentations(Kind):
 
     def quiet(self, why: str) -> None:  # noqa: ARG002
         """Take back the stimulus that is prepared, and hang up on one that plays."""
-        self._devices.actuator.withdraw()
+        for actuator in self._devices.actuators.values():
+            actuator.withdraw()
 
     def is_silent(self) -> bool:
         """Return whether the actuator is silent, and tell the experimenter if it is not."""
@@ -272,9 +291,9 @@ class Presentations(Kind):
 
     def _falls_silent(self, over: Callable[[], str]) -> bool:
         """Return whether no earlier stimulus can sound any more; wait for that, unless the session is over."""
-        clock, actuator = self._lent.clock, self._devices.actuator
+        clock, actuators = self._lent.clock, self._devices.actuators.values()
         ends_ns = clock.now_ns() + SILENT_NS
-        while not actuator.is_silent():
+        while not all(actuator.is_silent() for actuator in actuators):
             if over() or clock.now_ns() >= ends_ns:
                 return False
             clock.sleep_ns(LOOK_NS)

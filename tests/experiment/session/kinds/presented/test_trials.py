@@ -82,7 +82,7 @@ class Bench:
     def run(self) -> Footer:
         stimuli = rendered(self.study, self.actuator.rate_hz)
         devices = attempt.Devices(
-            kind=self.opens(self.actuator, stimuli),
+            kind=self.opens({None: self.actuator}, stimuli),
             console=self.console,
             clock=self.clock,
             masker=None,
@@ -337,7 +337,7 @@ sitting = Sitting(protocol, rig, rig_file, "01", task.id, Path(), None, run.Mono
 with socket.create_server(("127.0.0.1", 0)) as server, ExitStack() as opened:
     threading.Thread(target=lambda: server.accept()[0].close()).start()
     panel = f"127.0.0.1:{server.getsockname()[1]}"
-    kind.opens(sitting, None, SimpleNamespace(panel=lambda _: panel, playing=lambda actuator, *_: actuator), opened)
+    kind.opens(sitting, None, SimpleNamespace(panel=lambda *_: panel, playing=lambda actuator, *_: actuator), opened)
 print(*sorted(sys.modules), sep="\\n")
 """
 

@@ -1,0 +1,197 @@
+"""Stimuli at several sites of the body, each behind an output of its own: from the protocol to the dataset."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol import files
+from palpate.experiment.records import journal
+from palpate.experiment.records.kinds.presented import Presentation
+from palpate.experiment.rehearsal.study import rehearse, simulated_rig
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
+from palpate.experiment.session.kinds.presented.trials import Sounded
+from tests.conftest import Palpate
+from tests.experiment.synthesis.stimuli import given
+from tests.rig import sites, sound
+
+CLOCK = MonotonicClock()
+
+
+def rehearsed(folder: Path, rig: Path | None, text: str) -> Path:
+    study = folder / "study.toml"
+    study.write_text(text, "utf-8")
+    rig_file = rig or simulated_rig(files.load(study))
+    out = folder / "out"
+    rehearse(protocol_file=study, rig_file=rig_file, out=out, participants=1, seed=1, real_time=rig is not None)
+    return out
+
+
+def rows(dataset: Path) -> list[dict[str, str]]:
+    with (dataset / "sub-01" / "beh" / "sub-01_task-name_events.tsv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
+def checks(out: str) -> dict[tuple[str, str], str]:
+    """The verdicts of `palpate doctor --json` by site and check, of those of a site."""
+    found = [(one["measured"].removeprefix("SIMULATED: "), one) for one in json.loads(out)["checks"]]
+    return {(said.split(":")[0], one["name"]): one["verdict"] for said, one in found if said.startswith("site ")}
+
+
+def presented(dataset: Path) -> list[Presentation]:
+    [path] = dataset.glob("sourcedata/sub-01/*_journal.jsonl")
+    return [entry for entry in journal.read(path).entries if isinstance(entry, Presentation)]
+
+
+def test_a_rehearsal_on_the_shipped_rig_has_every_site_that_the_study_names(tmp_path: Path) -> None:
+    out = rehearsed(tmp_path, None, sites.sited())
+    assert verify(out).refused == 0
+    found = rows(out)
+    assert len(found) == 12
+    assert {(row["presented"], row["site"]) for row in found} == set(sites.AT.items())
+    assert {(one.material, one.site) for entry in presented(out) for one in entry.intervals} == set(sites.AT.items())
+    # Whoever feels where answers better than by guesses among four: 8 and more of 12 are right once in 300 times.
+    assert sum(row["presented"] == row["answered"] for row in found) > 9
+    sidecar = json.loads(next(out.glob("sub-01/beh/*_events.json")).read_text("utf-8"))
+    assert sidecar["Sites"].keys() == {"palm", "wrist"}
+    assert "site" in sidecar
+
+
+def test_a_session_behind_a_sound_card_plays_and_hears_each_site_on_its_channels(tmp_path: Path) -> None:
+    with sound.sound_card():
+        pass
+    out = rehearsed(tmp_path, sites.card_rig(tmp_path), sites.at_once(sites.sited(1)))
+    assert verify(out).refused == 0
+    found = [row for row in rows(out) if row["counted"] == "1"]
+    heard = [one.delivered for entry in presented(out) for one in entry.intervals if one.delivered is not None]
+    assert len(heard) >= len(found) == 4
+    assert all(one.gain == pytest.approx(1.0, abs=1e-6) and (one.residual_db or 0.0) < -100 for one in heard)
+    assert sum(row["presented"] == row["answered"] for row in found) >= 3
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    return rigs.load(sites.card_rig(tmp_path))
+
+
+@pytest.fixture
+def card(rig: Rig) -> Iterator[WiredCard]:
+    with sound.sound_card():
+        pass
+    with WiredCard(rig) as opened:
+        yield opened
+
+
+def test_a_site_is_shaken_alone_and_up_to_its_own_limit(rig: Rig, card: WiredCard) -> None:
+    stream = opening.open_audio(
+        rig, limit_m_s2=30.0, listens=False, masker=None, clock=CLOCK, today=date(2026, 11, 22), device=DEVICE
+    )
+    try:
+        card.wire()
+        limits_m_s2 = {"palm": 6.0, "wrist": 12.0}
+        panels = {site: card.panel(site, None) for site in limits_m_s2}
+        actuators = {
+            site: opening.open_actuator(rig.at(site), limit_m_s2=limit_m_s2, stream=stream)
+            for site, limit_m_s2 in limits_m_s2.items()
+        }
+        wave = np.random.default_rng(1).uniform(-20, 20, 4800)
+        wave[[0, -1]] = 1.0
+        for site, actuator in actuators.items():
+            actuator.prepare(given(wave))
+            onset_ns = CLOCK.now_ns() + 100_000_000
+            assert actuator.aim(onset_ns)
+            delivered = actuator.delivered(onset_ns)
+            assert delivered is not None
+            assert (delivered.gain, delivered.residual_db) == (1.0, -200.0), delivered.reason
+            felt = {other: panel.felt(1.0 if other == site else 0.0) for other, panel in panels.items()}
+            own = felt.pop(site)
+            assert own is not None
+            assert own.size == wave.size
+            assert np.abs(own).max() == pytest.approx(limits_m_s2[site])
+            assert list(felt.values()) == [None]
+    finally:
+        stream.close()
+
+
+def test_a_journal_with_another_site_than_the_protocol_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A program that takes one site for the other.
+    at, on_record = {"palm": "wrist", "wrist": "palm"}, Sounded.on_record
+    monkeypatch.setattr(Sounded, "on_record", lambda one: on_record(replace(one, site=at[str(one.site)])))
+    with pytest.raises(DatasetError):
+        rehearsed(tmp_path, None, sites.sited(1))
+    assert "sites" in {one.check for one in verify(tmp_path / "out").findings if one.verdict == "refuses"}
+
+
+LOOPBACKS = {
+    (f"site {site}", f"loopback {what}") for site in {*sites.AT.values()} for what in ("latency", "level", "residual")
+}
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_the_doctor_finds_two_cables_that_are_swapped(
+    tmp_path: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch, swapped: bool
+) -> None:
+    with sound.sound_card():
+        pass
+    path = sites.card_rig(tmp_path)
+    if swapped:
+        wire = WiredCard.wire
+
+        def wrongly(card: WiredCard) -> None:
+            wire(card)
+            for output, entry in ((3, 3), (4, 2)):
+                card.card.disconnect(entry)
+                card.card.connect(output, entry)
+
+        monkeypatch.setattr(WiredCard, "wire", wrongly)
+    _, out, _ = palpate("doctor", "--rig", path, "--json", "--dataset", tmp_path)
+    found = {key: verdict for key, verdict in checks(out).items() if key[1].startswith("loopback")}
+    if swapped:
+        assert set(found.values()) == {"red"}
+    else:
+        assert found == dict.fromkeys(LOOPBACKS, "green")
+
+
+def test_the_latency_of_a_site_is_measured_on_its_channels(tmp_path: Path, palpate: Palpate) -> None:
+    with sound.sound_card():
+        pass
+    path, new = sites.card_rig(tmp_path), tmp_path / "new.toml"
+    code, _, err = palpate(
+        "calibrate", "audio", "--rig", path, "--out", new, "--site", "palm", "--probes", 3, "--peak", 0.5
+    )
+    assert code == 0, err
+    before, after = rigs.load(path), rigs.load(new)
+    assert (before.at("wrist"), before.audio) == (after.at("wrist"), after.audio)
+    found = after.at("palm").audio
+    assert found is not None
+    assert found.latency.output_ms + found.latency.input_ms == pytest.approx(5.333, abs=0.001)
+    assert found.latency.calibrated_on > date(2026, 11, 21)
+    assert palpate("calibrate", "audio", "--rig", path, "--site", "toe")[0] != 0
+
+
+def test_a_rig_without_a_site_of_the_study_is_refused(tmp_path: Path, palpate: Palpate) -> None:
+    path, study = sites.card_rig(tmp_path), tmp_path / "study.toml"
+    text = path.read_text("utf-8")
+    path.write_text(text.replace('name = "palm"', 'name = "toe"'), "utf-8")
+    study.write_text(sites.sited(1), "utf-8")
+    out = tmp_path / "out"
+    code, _, err = palpate("rehearse", study, "--rig", path, "--real-time", "--out", out)
+    assert code != 0
+    assert "'palm'" in err
+    assert not out.exists()
+    assert "'palm'" in palpate("check", study, "--rig", path)[2]
