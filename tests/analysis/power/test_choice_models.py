@@ -119,7 +119,7 @@ def test_a_file_is_taken_as_stated(tmp_path: Path, protocol: Protocol, approved:
 @pytest.mark.parametrize(
     ("old", "new", "error", "message"),
     [
-        ("0.3, 0.2, 0.1]", "0.3, 0.9, 0.1]", ProtocolError, r"line 7: rows\[0\]\.answers: .*add up to 1 at most"),
+        ("0.3, 0.2, 0.1]", "0.3, 0.9, 0.1]", ProtocolError, r"line 7: rows\[0\]\.answers: .*add up to at most 1"),
         ("0.3, 0.2, 0.1]", "0.3, 0.1]", PowerError, r"got 3 answers; allowed: 4, in the order of the protocol"),
         ("spread = 0.1", "spread = 1.0", ProtocolError, r"line 8: rows\[0\]\.spread: got 1\.0"),
         ('presented = "copy', 'presented = "soft', PowerError, r"got a row for task virtual, soft paper"),

@@ -73,7 +73,7 @@ def test_trials_of_another_program_are_imported_analysed_and_exported(palpate: P
     keys = ("--map", "1=felt", "--map", "2=cork")
     code, out, err = palpate("import-trials", file, *columns, *keys, "--study", "lab", "--out", tmp_path / "lab")
     assert (code, err) == (0, "")
-    assert "Trials: 18, of them 6 " in out
+    assert "Trials: 18, including 6 " in out
     assert out.endswith(f"Dataset: {tmp_path / 'lab'}\n")
     code, out, err = palpate("analyse", tmp_path / "lab", "--no-figures")
     assert (code, err) == (0, "")

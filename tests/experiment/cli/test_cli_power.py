@@ -75,7 +75,7 @@ def test_a_model_is_refused_before_what_draws_is_loaded(palpate: Palpate, monkey
 def test_a_step_that_the_model_itself_has_the_other_way_is_told(palpate: Palpate) -> None:
     _, out, _ = palpate("power", shipped("wellman1995.toml"), *QUICK, "--participants", "5", "--json")
     (told,) = (note for note in json.loads(out)["notes"] if "every step" in note)
-    assert "In live " in told
+    assert "In live, " in told
 
 
 @pytest.mark.parametrize(

@@ -159,7 +159,7 @@ def test_a_dataset_follows_its_protocol_until_somebody_consents(small: Path) -> 
     assert [*roster.Roster.load(storage.roster_path(root)).consent_on] == ["01", "02"]
     small.write_text(small.read_text("utf-8").replace("A smaller study", "Another study"), "utf-8")
     seal(small, replace=True)
-    assert "another version" in deeds.scene(Place.here()).deed("enrol").refuses[0].what
+    assert "different version" in deeds.scene(Place.here()).deed("enrol").refuses[0].what
     assert files.load(storage.protocol_path(root)).study.title == "A smaller study"
 
 

@@ -74,7 +74,7 @@ def test_it_is_built_again_the_same_and_verified(rehearsed: Path) -> None:
 
 
 def test_nothing_is_silenced_where_nothing_is_played(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="study wellman1995 plays nothing; allowed: none"):
+    with pytest.raises(DatasetError, match="wellman1995 does not play"):
         study.rehearse(
             protocol_file=live_alone(tmp_path),
             rig_file=shipped("rigs/rehearsal.toml"),

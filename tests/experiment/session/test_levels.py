@@ -130,7 +130,7 @@ def test_a_trial_with_an_answer_is_corrected_and_not_repeated(tmp_path: Path) ->
     assert [trial for trial, _ in redone][:1] == [3]
     assert all(trial != repeat.trial for trial, _ in redone)
     assert [entry.trial for entry in entries if isinstance(entry, Correction)] == [correct.trial]
-    assert shown.count(next(line for line in shown if "1 has an answer" in line)) == 1
+    assert shown.count(next(line for line in shown if "trial 1 determined" in line)) == 1
     assert list(TRACKS.findings(Path("journal"), entries)) == []
 
 

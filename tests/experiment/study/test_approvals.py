@@ -343,7 +343,7 @@ def test_the_text_of_an_amendment_is_signed_before_its_first_day(study: MadeStud
     enrolment.consent(study.file, "01", date(2020, 5, 6), root=study.root, correction="a slip of the pen")
     assert Roster.load(storage.roster_path(study.root)).consented["01"] == 2
     study.file.write_text(study.file.read_text("utf-8").replace("= 25.0", "= 24.0"), "utf-8")
-    with pytest.raises(DatasetError, match="another version"):
+    with pytest.raises(DatasetError, match="a different version"):
         enrolment.consent(study.file, "02", date.today(), root=study.root)
 
 

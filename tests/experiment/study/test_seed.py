@@ -24,7 +24,7 @@ from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.faults.wrong import copied
 
-ANOTHER = "seed.json: is not the seed that was drawn before the first participant enrolled: that line of the roster"
+ANOTHER = "seed.json: is not the seed that was drawn before the first participant enrolled: the roster has"
 
 
 @pytest.fixture(scope="module")

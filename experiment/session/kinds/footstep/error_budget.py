@@ -195,7 +195,7 @@ class ErrorBudget:
             f"error budget: percent (rms) of equations (1) to (5), range across {len(self.speeds_mm_s)} speeds",
             f"from {slowest:.4g} to {fastest:.4g} mm/s",
             *_table([["", *self.materials], *self._causes()]),
-            *([unknown] if self.carries_hz is None else []),
+            *(wrapped(unknown) if self.carries_hz is None else []),
             *(wrapped(f"  {ASSUMED}") if self._takes_volts else []),
             "",
             "reported separately, not in the total",

@@ -178,7 +178,7 @@ def test_texts_that_are_held_are_used() -> None:
     assert study_text("okamoto2012", {}, "elsewhere").source == "elsewhere"
 
 
-@pytest.mark.parametrize(("study", "message"), [("lab", "with --source"), ("../lab", "allowed: lower-case")])
+@pytest.mark.parametrize(("study", "message"), [("lab", "with --source"), ("../lab", "allowed: lowercase")])
 def test_a_study_that_cannot_be_described_is_refused(study: str, message: str) -> None:
     with pytest.raises(DatasetError, match=message):
         study_text(study, {})
