@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from palpate.analysis.statistics.shares import Limits
 
 QUESTIONS = {
-    T: "Are answers correct more often than expected by chance?",
+    T: "Are answers correct more often than by chance?",
     ONE_WAY: "Can participants distinguish the two materials?",
     TWO_WAY: "Do the tasks differ?",
     ICC: "How reliable are the mean ratios?",

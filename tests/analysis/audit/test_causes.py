@@ -63,7 +63,9 @@ def test_the_row_of_a_wrong_mean_shows_the_mean_that_is_printed(made: dict[str, 
     wrong = right[:2] + str((int(right[2]) + 4) % 9) + right[3:]
     lines = print_lines(printed_study.published(_with(made, {4: {"mean": wrong}})))
     (accused,) = (one for one in lines if one.verdict == "differs")
-    (row,) = (one for one in lines if one.quantity == "row" and f"{accused.recomputed} instead of {wrong}" in one.reason)
+    (row,) = (
+        one for one in lines if one.quantity == "row" and f"{accused.recomputed} instead of {wrong}" in one.reason
+    )
     added = float(first) + float(wrong) + float(last)
     assert (row.printed, row.verdict) == (f"{first} + {wrong} + {last} = {added:.4g}", "agrees")
     assert not [one for one in lines if one.quantity == "row" and one is not row and " instead of " in one.reason]

@@ -76,7 +76,7 @@ def test_likely_answers_lie_between_those_that_occurred_and_all() -> None:
 
 @pytest.mark.parametrize("counts", [[[3, 1]], [[3, 1], [0, 0]], [[0, 0], [0, 0]]])
 def test_fewer_than_two_materials_are_not_defined(counts: list[list[int]]) -> None:
-    with pytest.raises(NotDefined, match="two materials"):
+    with pytest.raises(NotDefined, match="two presented"):
         information(np.array(counts))
 
 
