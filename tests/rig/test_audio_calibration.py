@@ -70,7 +70,7 @@ def test_a_measurement_that_something_else_disturbs_is_refused_and_nothing_writt
     where = ["--rig", shipped("rigs/headless.toml"), "--out", tmp_path / "new.toml", "--probes", 2]
     code, out, err = palpate("calibrate", "audio", *where)
     assert (code, out) == (2, "")
-    assert re.search(r"-\d+ dB in 2 probes \(allowed: -20 dB .*\), 3 times; ", err)
+    assert re.search(r"after 3 .* -\d+ dB in 2 probes \(allowed: -20 dB .*\); close", err)
     assert not (tmp_path / "new.toml").exists()
 
 
@@ -111,9 +111,9 @@ def test_devices_are_listed_as_a_rig_file_names_them(palpate: Palpate) -> None:
             r"audio device 'hw:9' of JACK Audio Connection Kit: got no device with this name; allowed: ",
         ),
         ({"host_api": "ASIO"}, r"audio device 'system' of ASIO: got no device with this name"),
-        ({"outputs": 9}, r"got 4 outputs and 2 inputs; allowed: at least 9 and 2, as audio\.channels"),
+        ({"outputs": 9}, r"got 4 outputs and 2 inputs; allowed: at least 9 and 2, as in audio\.channels"),
         ({"inputs": 3}, r"got 4 outputs and 2 inputs; allowed: at least 4 and 3"),
-        ({"rate_hz": 44_100}, r"Invalid sample rate.*: it does not run at 44100 Hz; set the device to it, or correct"),
+        ({"rate_hz": 44_100}, r"Invalid sample rate.*: it does not run at 44100 Hz; set it to that rate, or correct"),
     ],
     ids=["device", "host API", "outputs", "inputs", "rate"],
 )

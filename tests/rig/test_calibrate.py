@@ -115,7 +115,7 @@ def test_heights_that_do_not_reach_past_the_gate_write_nothing(
     where = ["--rig", "rig.toml", "--out", "new.toml", "--protocol", shipped("okamoto2012.toml")]
     code, out, err = palpate("calibrate", "tracker", *where, "--points", "0,10,20")
     assert (code, "residual mm" in out) == (2, True)
-    assert re.search(r"from 0 to 20 mm; .* -1 to 25 mm", err)
+    assert re.search(r"covers 0 to 20 mm; .* -1 to 25 mm", err)
     assert not (tmp_path / "new.toml").exists()
 
 
@@ -125,7 +125,7 @@ def test_a_target_that_stays_where_it_is_calibrates_nothing(
     monkeypatch.setattr("builtins.input", lambda _: "")
     code, _, err = palpate("calibrate", "tracker", "--rig", "rig.toml", "--points", "0,50")
     assert code == 2
-    assert re.search(r": got \d+(\.5)? counts .*; see", err)
+    assert re.search(r": got \d+(\.5)? counts .*; make sure", err)
     assert err.count("\n") == 1
 
 

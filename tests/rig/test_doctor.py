@@ -86,7 +86,7 @@ def test_a_rig_in_order_is_green_and_nothing_moves(
     assert found["left out"]["verdict"] == "not checked"
     assert "\x1b" not in out
     # What the table of the response says of itself is told as it stands there.
-    assert [row[13:32].strip() for row in rows if "says: Frequency response" in row] == ["response table"]
+    assert [row[13:32].strip() for row in rows if "its comments: Frequency response" in row] == ["response table"]
     assert not (tmp_path / "dataset").exists()
 
 

@@ -257,7 +257,7 @@ def test_no_server_is_an_error(refuses: Refuses) -> None:
 
 
 def test_a_take_needs_arming() -> None:
-    with pytest.raises(RecordingError, match="arm it first"):
+    with pytest.raises(RecordingError, match="arm the sensor"):
         accelerometer("127.0.0.1:1", ManualClock(0)).heard(earliest_ns=0, latest_ns=0)
 
 

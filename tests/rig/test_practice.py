@@ -107,7 +107,7 @@ def test_a_session_is_practiced_paused_and_continued_at_a_terminal(
     assert (code, PAUSED in " ".join(screen.split())) == (0, True), screen
     at_once = "Opening the PRACTICE session, with a simulated laboratory ...\n"
     assert screen.startswith(f"{at_once}PRACTICE - simulated participants")
-    assert "'felt' and 'cork' are" in screen
+    assert "'felt' and 'cork'" in screen
     assert "Familiarisation, up to 55 s." in screen
     code, rest = practice(tmp_path, "small.toml", "--task", "one")
     assert (code, "complete: 4 answers" in rest) == (0, True), rest

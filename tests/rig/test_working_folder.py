@@ -69,7 +69,7 @@ def test_a_plan_opens_a_sound_card(folder: WorkingFolder) -> None:
     if shutil.which("jackd") is None:
         pytest.skip("needs JACK (package jackd2)")
     done = folder.run("palpate", "plan", "okamoto2012", "--task", "virtual", "--rig", RIGS / "headless.toml")
-    assert (done.returncode, " modules, open after " in done.stdout, folder.imported) == (0, True, []), done.stderr
+    assert (done.returncode, " modules, ready after " in done.stdout, folder.imported) == (0, True, []), done.stderr
 
 
 def test_a_rig_for_tapping_is_checked_with_its_force_device(folder: WorkingFolder) -> None:
