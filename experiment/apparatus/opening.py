@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import date
 from importlib import import_module
@@ -34,7 +35,7 @@ def audio_of(rig: Rig) -> AudioRig:
 def open_audio(
     rig: Rig,
     *,
-    limit_m_s2: float | None,
+    limits_m_s2: Mapping[str | None, float],
     listens: bool,
     masker: MaskerNoise | None,
     clock: Clock,
@@ -54,34 +55,40 @@ def open_audio(
     if not rig.rig.simulated:
         rigs.check_age(audio.latency, today)
         rigs.check_age(audio.headphones, today)
-    settings = session_stream(rig, limit_m_s2=limit_m_s2, listens=listens, masker=masker)
+    settings = session_stream(rig, limits_m_s2=limits_m_s2, listens=listens, masker=masker)
     return AudioStream(replace(settings, device=device or audio.device), clock)
 
 
-def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker: MaskerNoise | None) -> StreamSettings:
+def session_stream(
+    rig: Rig, *, limits_m_s2: Mapping[str | None, float], listens: bool, masker: MaskerNoise | None
+) -> StreamSettings:
     """Return how a session opens its audio device, with a limit on every channel; all other channels stay silent.
 
-    `limit_m_s2` is the protocol's for stimuli, the masker has its own. Without a limit, or with another actuator,
-    output and loopback of the actuator stay closed, and inputs are kept only if a microphone `listens`. Raises
-    `RigError` without an audio device.
+    `limits_m_s2` are the protocol's at the sites of stimuli, the masker has its own. Without any, or with another
+    actuator, output and loopback of the actuator stay closed, and inputs are kept only if a microphone `listens`. The
+    slowest output decides when all end. Raises `RigError` without an audio device, or for a site that the rig lacks.
     """
     audio = audio_of(rig)
-    channels, plays = audio.channels, limit_m_s2 is not None and rig.actuator.driver == "audio"
+    channels, plays = audio.channels, bool(limits_m_s2) and rig.actuator.driver == "audio"
     outputs, inputs = open_channels(rig) if plays else channels.without_actuator(listens=listens)
     ceilings = [0.0] * outputs
     for channel in channels.headphones:
         ceilings[channel - 1] = masker.ceiling if masker is not None else 0.0
-    if plays and limit_m_s2 is not None:
+    output_ms = audio.latency.output_ms
+    if plays:
         from palpate.experiment.apparatus.panel.conditioning import Conditioner
 
-        for one in rig.views.values():
-            behind = one.actuator.shaping is not None or one.actuator.measured is not None
-            conditioner = Conditioner(full_scale=one.actuator.full_scale, limit_m_s2=limit_m_s2)
-            channel = audio_of(one).channels.actuator - 1
+        for site, limit_m_s2 in limits_m_s2.items():
+            own = rig.at(site)
+            behind = own.actuator.shaping is not None or own.actuator.measured is not None
+            conditioner = Conditioner(full_scale=own.actuator.full_scale, limit_m_s2=limit_m_s2)
+            channel = audio_of(own).channels.actuator - 1
             ceilings[channel] = max(ceilings[channel], 1.0 if behind else conditioner.ceiling)
-    return stream_settings(
+            output_ms = max(output_ms, audio_of(own).latency.output_ms)
+    settings = stream_settings(
         audio, ceilings, inputs=inputs, sent=listens and channels.microphone is not None, stimuli=plays
     )
+    return replace(settings, output_ms=output_ms)
 
 
 def open_channels(rig: Rig) -> tuple[int, int]:

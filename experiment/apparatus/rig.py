@@ -6,7 +6,7 @@ and no contact, and that the noise of a resting foot stays inside.
 """
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast
@@ -560,13 +560,13 @@ class StopsRig(Confined):
     tried_days: Days
 
 
-def check_stops(rig: "Rig", peak_m_s2: float | None, today: date) -> None:
-    """Raise `RigError` for a real rig with unnamed or untested stops, for force or above `peak_m_s2`, if known.
+def check_stops(rig: "Rig", limits_m_s2: Mapping[str | None, float], today: date) -> None:
+    """Raise `RigError` for a real rig with unnamed or untested stops, for force or above the limit of a site.
 
     The participant's pedal has to be tried as well.
     """
-    full_m_s2 = [one.actuator.full_scale_m_s2 for one in rig.views.values()]
-    strong = peak_m_s2 is not None and any(one is None or one > peak_m_s2 for one in full_m_s2)
+    full_m_s2 = ((rig.at(site).actuator.full_scale_m_s2, limit) for site, limit in limits_m_s2.items())
+    strong = any(full is None or full > limit for full, limit in full_m_s2)
     needed: list[tuple[str, StopsRig | PedalRig | None]] = [("stops", rig.stops)] if strong or rig.servo else []
     needed += [("pedal", rig.pedal)] if rig.pedal is not None else []
     for table, tried in needed if not rig.rig.simulated else ():

@@ -451,7 +451,7 @@ def _examine_rig(
     if not virtual:
         return f"Rig '{rig.rig.name}': every task uses real objects, so it renders nothing.", None
     try:
-        for site in protocol.sites:
+        for site in protocol.limits_m_s2:
             refuse_unmeasured(rig_file, rig.at(site), today)
         for kind in {session_kind(task): None for task in virtual}:
             told, refusal = kind.examine(protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings)

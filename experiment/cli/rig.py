@@ -234,7 +234,8 @@ def calibrate_audio(
     from palpate.experiment.errors import RigError
 
     loaded = rigs.load(rig_file)
-    audio = opening.audio_of(loaded.at(site))
+    own = loaded.at(site)
+    audio = opening.audio_of(own)
     entry = audio.channels.loopback
     if entry is None:
         raise RigError(
@@ -254,7 +255,7 @@ def calibrate_audio(
             card = SoundCard(rate_hz=audio.rate_hz, block=audio.block, inputs=inputs, outputs=outputs)
             opened.callback(card.close)
             device = DEVICE
-        stream = calibration.open_probing(loaded, peak=peak, clock=MonotonicClock(), device=device)
+        stream = calibration.open_probing(loaded, [own], peak=peak, clock=MonotonicClock(), device=device)
         opened.callback(stream.close)
         if card is not None:
             card.disconnect(entry)

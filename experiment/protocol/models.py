@@ -228,6 +228,11 @@ class KindTable(Confined):
         return {}
 
     @property
+    def limits_m_s2(self) -> Mapping[str | None, float]:
+        """The largest acceleration at each site of the body; empty where there is one place for all."""
+        return {}
+
+    @property
     def site_of(self) -> Mapping[str, str | None]:
         """The site of the body of each material's stimulus; empty where there is one place for all."""
         return {}
@@ -650,10 +655,11 @@ class Protocol(Confined):
         return table or KindTable()
 
     @property
-    def sites(self) -> tuple[str | None, ...]:
-        """The sites of the body where stimuli are felt; None alone in a study without any."""
-        each = (self.kind_table(task).site_of for task in self.tasks)
-        return tuple(dict.fromkeys(site for one in each for site in one.values())) or (None,)
+    def limits_m_s2(self) -> dict[str | None, float]:
+        """The largest acceleration at each site of the body where stimuli are felt; None is the one place for all."""
+        one_place: dict[str | None, float] = {None: self.exposure.vibration_peak_m_s2}
+        each = (self.kind_table(task).limits_m_s2 or one_place for task in self.tasks if task.stimulus == "virtual")
+        return dict(limit for limits in each for limit in limits.items()) or one_place
 
     @property
     def folder(self) -> Path:

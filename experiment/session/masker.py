@@ -263,7 +263,7 @@ def open_sound(
         )
     stream = opening.open_audio(
         rig,
-        limit_m_s2=protocol.exposure.vibration_peak_m_s2 if planned.actuator else None,
+        limits_m_s2=protocol.limits_m_s2 if planned.actuator else {},
         listens=planned.listens,
         masker=noise,
         clock=clock,

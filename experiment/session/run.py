@@ -458,7 +458,7 @@ def _judge_rig(
         if told:
             console.tell(Notice(f"Rig '{rig.rig.name}': {told}."))
     if virtual:
-        rigs.check_stops(rig, protocol.exposure.vibration_peak_m_s2, today)
+        rigs.check_stops(rig, protocol.limits_m_s2, today)
 
 
 def _keep_recordings(root: Path, folder: Path) -> Path:

@@ -68,7 +68,7 @@ def card() -> Iterator[SoundCard]:
 @pytest.fixture
 def stream(card: SoundCard) -> Iterator[AudioStream]:
     opened = opening_audio.open_audio(
-        RIG, limit_m_s2=20.0, listens=False, masker=None, clock=CLOCK, today=DAY, device=DEVICE
+        RIG, limits_m_s2={None: 20.0}, listens=False, masker=None, clock=CLOCK, today=DAY, device=DEVICE
     )
     for entry in (1, 2):
         card.disconnect(entry)
@@ -325,5 +325,5 @@ def test_a_calibration_that_is_too_old_is_refused_before_anything_is_opened() ->
     for day, said in ((made + timedelta(days=31), "31 days old"), (made - timedelta(days=1), "-1 days old")):
         with pytest.raises(RigError, match=rf"audio\.latency: .* {said} on .*; allowed: 0 to 30 days; run"):
             opening_audio.open_audio(
-                real, limit_m_s2=20.0, listens=False, masker=None, clock=CLOCK, today=day, device=DEVICE
+                real, limits_m_s2={None: 20.0}, listens=False, masker=None, clock=CLOCK, today=day, device=DEVICE
             )

@@ -131,7 +131,7 @@ def test_a_real_pedal_has_to_be_tried(tmp_path: Path, day: int, refused: bool) -
     today = date.fromordinal(date(2026, 5, 1).toordinal() + day - 1)
     problem = None
     try:
-        rigs.check_stops(real, None, today)
+        rigs.check_stops(real, {}, today)
     except RigError as error:
         problem = error.finding.allowed
     assert (problem is not None) == refused

@@ -14,8 +14,11 @@ import pytest
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio import calibration
+from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+from palpate.experiment.apparatus.doctor.devices import PEAK
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol import files
@@ -96,12 +99,12 @@ def card(rig: Rig) -> Iterator[WiredCard]:
 
 
 def test_a_site_is_shaken_alone_and_up_to_its_own_limit(rig: Rig, card: WiredCard) -> None:
+    limits_m_s2: dict[str | None, float] = {"palm": 6.0, "wrist": 12.0}
     stream = opening.open_audio(
-        rig, limit_m_s2=30.0, listens=False, masker=None, clock=CLOCK, today=date(2026, 11, 22), device=DEVICE
+        rig, limits_m_s2=limits_m_s2, listens=False, masker=None, clock=CLOCK, today=date(2026, 11, 22), device=DEVICE
     )
     try:
         card.wire()
-        limits_m_s2 = {"palm": 6.0, "wrist": 12.0}
         panels = {site: card.panel(site, None) for site in limits_m_s2}
         actuators = {
             site: opening.open_actuator(rig.at(site), limit_m_s2=limit_m_s2, stream=stream)
@@ -167,7 +170,38 @@ def test_the_doctor_finds_two_cables_that_are_swapped(
         assert found == dict.fromkeys(LOOPBACKS, "green")
 
 
-def test_the_latency_of_a_site_is_measured_on_its_channels(tmp_path: Path, palpate: Palpate) -> None:
+@pytest.fixture
+def probed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, ...]]:
+    """The ceilings of each stream that is opened for probes."""
+    opened: list[tuple[float, ...]] = []
+
+    def stream(settings: StreamSettings, clock: Clock) -> AudioStream:
+        opened.append(settings.ceilings)
+        return AudioStream(settings, clock)
+
+    monkeypatch.setattr(calibration, "AudioStream", stream)
+    return opened
+
+
+def test_the_doctor_moves_the_sites_of_a_study_alone(
+    tmp_path: Path, palpate: Palpate, probed: list[tuple[float, ...]]
+) -> None:
+    with sound.sound_card():
+        pass
+    path, study = sites.card_rig(tmp_path), tmp_path / "study.toml"
+    palm, wrist = sites.SITES.strip().split("\n\n")
+    text = sites.sited(1).replace(wrist, "").replace('site = "wrist"', 'site = "palm"')
+    study.write_text(text, "utf-8")
+    _, out, _ = palpate("doctor", "--rig", path, "--protocol", study, "--json", "--dataset", tmp_path)
+    assert palm in text
+    assert probed == [(0.0, 0.0, 0.0, PEAK)]
+    found = {key: verdict for key, verdict in checks(out).items() if key[1].startswith("loopback")}
+    assert found == {key: "green" for key in LOOPBACKS if key[0] == "site palm"}
+
+
+def test_the_latency_of_a_site_is_measured_on_its_channels(
+    tmp_path: Path, palpate: Palpate, probed: list[tuple[float, ...]]
+) -> None:
     with sound.sound_card():
         pass
     path, new = sites.card_rig(tmp_path), tmp_path / "new.toml"
@@ -175,6 +209,7 @@ def test_the_latency_of_a_site_is_measured_on_its_channels(tmp_path: Path, palpa
         "calibrate", "audio", "--rig", path, "--out", new, "--site", "palm", "--probes", 3, "--peak", 0.5
     )
     assert code == 0, err
+    assert probed == [(0.0, 0.0, 0.0, 0.5)]
     before, after = rigs.load(path), rigs.load(new)
     assert (before.at("wrist"), before.audio) == (after.at("wrist"), after.audio)
     found = after.at("palm").audio

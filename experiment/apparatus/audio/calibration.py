@@ -1,7 +1,7 @@
 """Latency and level of an audio device, measured through its loopback."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from datetime import date
 from typing import Any
@@ -28,15 +28,17 @@ LONGEST_S = 0.5
 """Longest way from output to input, s."""
 
 
-def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = None) -> AudioStream:
+def open_probing(
+    rig: Rig, probed: Iterable[Rig], *, peak: float, clock: Clock, device: str | None = None
+) -> AudioStream:
     """Open the rig's audio device, whatever its calibrations' age, with probes up to `peak`, 1.0 being full scale.
 
-    Raises as `opening.open_audio`.
+    Only the actuators of the views `probed` can be moved. Raises as `opening.open_audio`.
     """
     audio = opening.audio_of(rig)
     outputs, inputs = opening.open_channels(rig)
     ceilings = [0.0] * outputs
-    for one in rig.views.values():
+    for one in probed:
         ceilings[opening.audio_of(one).channels.actuator - 1] = peak
     sent = audio.channels.microphone is not None
     settings = opening.stream_settings(audio, ceilings, inputs=inputs, sent=sent, stimuli=True)

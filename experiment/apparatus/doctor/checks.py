@@ -183,10 +183,10 @@ def panel(rig: Rig, rig_file: Path, today: date) -> Finding:
     return passed(name, f"{age}: {told}", f"0 to {measured.calibration_days} days")
 
 
-def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Finding]:
+def stops(rig: Rig, limits_m_s2: Mapping[str | None, float], today: date) -> Iterator[Finding]:
     """Yield whether a rig's stops are named and were tried lately, and whether the participant has one."""
     try:
-        rigs.check_stops(rig, peak_m_s2, today)
+        rigs.check_stops(rig, limits_m_s2, today)
     except PalpateError as error:
         yield refused("stops", error)
     else:

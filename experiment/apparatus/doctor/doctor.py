@@ -45,6 +45,9 @@ class SimulatedPorts:
     wire: Callable[[], None] = lambda: None
 
 
+Views = Mapping[str | None, Rig]
+"""The rig as each site of the body has it, None as it is itself."""
+
 Simulate = Callable[[Rig, ExitStack], SimulatedPorts]
 """Starts what is at the far ends of a simulated rig, and has it closed with the stack."""
 
@@ -99,7 +102,7 @@ def examine(
 def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Iterator[Finding]:
     label = "SIMULATED: " if rig.rig.simulated else ""
     yield passed("rig file", f"{label}{path}: rig '{rig.rig.name}', sha256 {rigs.sha256(rig)[:12]}")
-    for site in protocol.sites if protocol is not None else ():
+    for site in protocol.limits_m_s2 if protocol is not None else ():
         try:
             rig.at(site)
         except RigError as error:
@@ -121,8 +124,8 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
         yield foot_force.age(rig, rig.tracker.force, today)
     if protocol is None or protocol.renders:
         yield from _each(views, lambda own: [checks.panel(own, path, today)])
-    peak_m_s2 = protocol.exposure.vibration_peak_m_s2 if protocol is not None and protocol.renders else None
-    yield from checks.stops(rig, peak_m_s2, today)
+    limits_m_s2 = protocol.limits_m_s2 if protocol is not None and protocol.renders else {}
+    yield from checks.stops(rig, {site: one for site, one in limits_m_s2.items() if site in views}, today)
 
 
 def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simulate, presses: int) -> Iterator[Finding]:
@@ -132,11 +135,12 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
         except PalpateError as error:
             yield refused("simulated parts", error)
             return
+        views = _views(rig, protocol)
         if rig.audio is None:
             yield from _tracker(rig, ends, clock)
         else:
-            yield from _audio(rig, rig.audio, ends, clock)
-        yield from _each(_views(rig, protocol), lambda own: _actuator(own, ends.address, clock))
+            yield from _audio(rig, rig.audio, views, ends, clock)
+        yield from _each(views, lambda own: _actuator(own, ends.address, clock))
         if rig.servo is not None or (protocol is not None and protocol.exposure.force_peak_n is not None):
             from palpate.experiment.apparatus.doctor import force
 
@@ -174,13 +178,13 @@ def _actuator(rig: Rig, simulated: str | None, clock: Clock) -> Iterator[Finding
         yield from checks.server(address, rig.actuator)
 
 
-def _views(rig: Rig, protocol: Protocol | None) -> dict[str | None, Rig]:
+def _views(rig: Rig, protocol: Protocol | None) -> Views:
     """Return the rig as each site of the body has it that a protocol uses and the rig has; all without a protocol."""
-    used = tuple(rig.views) if protocol is None else protocol.sites
+    used = rig.views if protocol is None else protocol.limits_m_s2
     return {site: own for site, own in rig.views.items() if site in used} or rig.views
 
 
-def _each(views: Mapping[str | None, Rig], checked: Callable[[Rig], Iterable[Finding]]) -> Iterator[Finding]:
+def _each(views: Views, checked: Callable[[Rig], Iterable[Finding]]) -> Iterator[Finding]:
     """Yield what is checked of each actuator; a finding of a site names it."""
     for site, own in views.items():
         yield from (one if site is None else replace(one, where=f"site {site}") for one in checked(own))
@@ -243,9 +247,9 @@ def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
         yield refused("tracker closing", error)
 
 
-def _audio(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
+def _audio(rig: Rig, settings: AudioRig, views: Views, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
     try:
-        stream = calibration.open_probing(rig, peak=devices.PEAK, clock=clock, device=ends.device)
+        stream = calibration.open_probing(rig, views.values(), peak=devices.PEAK, clock=clock, device=ends.device)
     except PalpateError as error:
         yield refused("audio device", error)
         yield from _tracker(rig, ends, clock)
@@ -253,12 +257,14 @@ def _audio(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock) -> 
     try:
         with closing(stream):
             yield devices.opened(stream, settings)
-            yield from _stream(rig, settings, ends, clock, stream)
+            yield from _stream(rig, settings, views, ends, clock, stream)
     except AudioError as error:
         yield refused("audio closing", error)
 
 
-def _stream(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock, stream: AudioStream) -> Iterator[Finding]:
+def _stream(
+    rig: Rig, settings: AudioRig, views: Views, ends: SimulatedPorts, clock: Clock, stream: AudioStream
+) -> Iterator[Finding]:
     """Check the tracker while a stream runs, then the stream."""
     name = "audio stream"
     try:
@@ -272,6 +278,6 @@ def _stream(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock, st
     try:
         yield from devices.steady(stream, settings, since=since, exact=rig.rig.simulated)
         yield from devices.microphone(stream, settings)
-        yield from _each(rig.views, lambda own: devices.loopback(stream, opening.audio_of(own)))
+        yield from _each(views, lambda own: devices.loopback(stream, opening.audio_of(own)))
     except AudioError as error:
         yield refused(name, error)

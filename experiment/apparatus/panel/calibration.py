@@ -151,7 +151,7 @@ def devices(rig: Rig, *, loudest: float) -> Iterator[Devices]:
             server.reach()
         else:
             opened.enter_context(host.raised())
-            stream = opened.enter_context(closing(probing.open_probing(rig, peak=loudest, clock=clock)))
+            stream = opened.enter_context(closing(probing.open_probing(rig, [rig], peak=loudest, clock=clock)))
             player = AudioPlayer(stream, opening.audio_of(rig).channels.actuator)
         yield Devices(player, listener, rig.actuator.rate_hz, settings.rate_hz)
 

@@ -20,6 +20,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
 from palpate.experiment.errors import ActuatorError, RigError, TrackerError
+from palpate.experiment.protocol import files as protocols
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.rehearsal.clock import ManualClock
@@ -370,7 +371,26 @@ def test_a_real_rig_that_could_hurt_names_its_stops_and_when_they_were_tried(
 ) -> None:
     rig = rigs.load(write(GOOD)).model_copy(update=changed)
     with pytest.raises(RigError) if refused else nullcontext():
-        rigs.check_stops(rig, peak_m_s2, today)
+        rigs.check_stops(rig, {} if peak_m_s2 is None else {None: peak_m_s2}, today)
+
+
+@pytest.mark.parametrize(
+    ("limits_m_s2", "refused"),
+    [
+        # 40 m/s^2 at full scale at the palm and 25 at the wrist; the actuator of no site takes volts.
+        ({"palm": 40.0, "wrist": 25.0}, False),
+        ({"palm": 39.0, "wrist": 25.0}, True),
+        ({"palm": 40.0, "wrist": 24.0}, True),
+        ({"palm": 40.0}, False),
+        ({None: 40.0}, True),
+    ],
+)
+def test_stops_are_needed_for_the_sites_of_a_study_each_by_its_own_limit(
+    tmp_path: Path, limits_m_s2: dict[str | None, float], refused: bool
+) -> None:
+    rig = rigs.load(sounding(tmp_path)).model_copy(update={"rig": rigs.Identity(name="none", simulated=False)})
+    with pytest.raises(RigError) if refused else nullcontext():
+        rigs.check_stops(rig, limits_m_s2, date(2026, 5, 4))
 
 
 def test_stops_came_with_the_second_format_and_make_no_other_rig(write: Write) -> None:
@@ -406,10 +426,41 @@ def test_a_rig_has_each_site_as_its_only_actuator(tmp_path: Path) -> None:
     with pytest.raises(RigError) as raised:
         rig.at("toe")
     assert raised.value.finding.allowed == "palm, wrist"
-    settings = opening.session_stream(rig, limit_m_s2=10.0, listens=False, masker=None)
-    # Volts behind a response go up to full scale, and accelerations up to the limit: 10 of 40.
-    assert settings.ceilings == (0.0, 0.0, 1.0, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("limits_m_s2", "ceilings"),
+    [
+        # Accelerations go up to the limit of their own site: 6 of 40, and 12 of 25.
+        ({"palm": 6.0, "wrist": 12.0}, (0.0, 0.0, 0.48, 0.15)),
+        ({"palm": 6.0}, (0.0, 0.0, 0.0, 0.15)),
+        ({"wrist": 12.0}, (0.0, 0.0, 0.48, 0.0)),
+        # Volts behind a response go up to full scale.
+        ({None: 10.0}, (0.0, 0.0, 1.0, 0.0)),
+    ],
+)
+def test_a_session_opens_the_outputs_of_its_sites_alone_each_up_to_its_limit(
+    tmp_path: Path, limits_m_s2: dict[str | None, float], ceilings: tuple[float, ...]
+) -> None:
+    rig = rigs.load(sounding(tmp_path))
+    settings = opening.session_stream(rig, limits_m_s2=limits_m_s2, listens=False, masker=None)
+    assert settings.ceilings == pytest.approx(ceilings)
     assert settings.inputs == 3
+
+
+def test_a_session_ends_by_the_slowest_output_that_it_uses(tmp_path: Path) -> None:
+    rig = rigs.load(sounding(tmp_path, ("output_ms = 2.667", "output_ms = 8.0")))
+    for site, output_ms in (("palm", 8.0), ("wrist", 2.667)):
+        settings = opening.session_stream(rig, limits_m_s2={site: 6.0}, listens=False, masker=None)
+        assert settings.output_ms == output_ms
+
+
+def test_a_study_limits_the_sites_that_its_stimuli_name(tmp_path: Path) -> None:
+    study = tmp_path / "study.toml"
+    study.write_text(sites.sited(1), "utf-8")
+    assert protocols.load(study).limits_m_s2 == {"palm": 6.0, "wrist": 12.0}
+    plain = protocols.load(shipped("presented.toml"))
+    assert plain.limits_m_s2 == {None: plain.exposure.vibration_peak_m_s2}
 
 
 def test_a_site_is_part_of_the_rig_that_a_session_records(tmp_path: Path) -> None:

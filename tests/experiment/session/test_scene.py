@@ -154,7 +154,7 @@ def opens(monkeypatch: pytest.MonkeyPatch, protocol: Protocol, rig: Rig, task_id
     monkeypatch.setattr(
         "palpate.experiment.apparatus.audio.stream.AudioStream", lambda settings, _: asked.append(settings)
     )
-    planned, actuator = scene.plan(protocol=protocol, task_id=task_id), protocol.exposure.vibration_peak_m_s2
+    planned = scene.plan(protocol=protocol, task_id=task_id)
     noise = None
     if planned.masker is not None:
         samples = scene.masker_samples(colour=planned.masker, rate_hz=48_000, seconds=1.0)
@@ -162,7 +162,7 @@ def opens(monkeypatch: pytest.MonkeyPatch, protocol: Protocol, rig: Rig, task_id
         noise = masker_noise(samples, rate_hz=48_000, pink_full_scale_db_a=full_scale_db_a, limit_db_a=70.0)
     opening.open_audio(
         rig,
-        limit_m_s2=actuator if planned.actuator else None,
+        limits_m_s2=protocol.limits_m_s2 if planned.actuator else {},
         listens=planned.listens,
         masker=noise,
         clock=ManualClock(0),

@@ -226,8 +226,8 @@ def plan(
 
 
 def _stream(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> StreamSettings:
-    limit_m_s2 = protocol.exposure.vibration_peak_m_s2 if scene.actuator else None
-    return opening.session_stream(rig, limit_m_s2=limit_m_s2, listens=scene.listens, masker=None)
+    limits_m_s2 = protocol.limits_m_s2 if scene.actuator else {}
+    return opening.session_stream(rig, limits_m_s2=limits_m_s2, listens=scene.listens, masker=None)
 
 
 def sound(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> tuple[str, ...]:

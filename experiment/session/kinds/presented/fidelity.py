@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_conditioner, open_drive
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
-from palpate.experiment.apparatus.rig import Rig, check_age, check_stops
+from palpate.experiment.apparatus.rig import Rig, check_age
 from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy, RigError
 from palpate.experiment.protocol.kinds.presented import Presented
 from palpate.experiment.protocol.models import Protocol
@@ -68,7 +68,7 @@ def on_rig(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> tuple[Made, ...
     """Return what a rig makes of every stimulus of a study. Raises as `rendered` and `conditioning.open_drive`."""
     table, conditions = protocol.table(Presented), dict[str | None, Conditioner]()
     for site, own in sites(protocol, rig).items():
-        limit_m_s2 = table.limits_m_s2.get(site, protocol.exposure.vibration_peak_m_s2)
+        limit_m_s2 = protocol.limits_m_s2[site]
         drive = open_drive(rig_folder, own.actuator, limit_m_s2=limit_m_s2)
         conditions[site] = open_conditioner(own, limit_m_s2=limit_m_s2, drive=drive)
     found = []
@@ -96,12 +96,10 @@ def on_rig(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> tuple[Made, ...
 
 def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[Finding]:
     """Yield why no participant is run on a rig that makes this of the stimuli."""
-    where, limits_m_s2 = f"rig '{rig.rig.name}'", protocol.table(Presented).limits_m_s2
+    where = f"rig '{rig.rig.name}'"
     for one in every:
         if one.limited:
-            limit = f"exposure.vibration_peak_m_s2 ({protocol.exposure.vibration_peak_m_s2:g})"
-            if one.site is not None:
-                limit = f"the peak_m_s2 of {one.site} ({limits_m_s2[one.site]:g})"
+            _, limit = _limit(protocol, one.site)
             yield Finding(
                 f"a limit changes a stimulus ({one.words})",
                 where,
@@ -122,6 +120,12 @@ def refusals(protocol: Protocol, rig: Rig, every: tuple[Made, ...]) -> Iterator[
             )
 
 
+def _limit(protocol: Protocol, site: str | None) -> tuple[float, str]:
+    """Return the largest acceleration at a site, m/s^2, and the key that says so."""
+    most = protocol.limits_m_s2[site]
+    return most, f"the peak_m_s2 of {site} ({most:g})" if site else f"exposure.vibration_peak_m_s2 ({most:g})"
+
+
 def is_known(protocol: Protocol, rig: Rig) -> bool:
     """Return whether somebody measured which frequencies the actuators of a study carry."""
     return all(
@@ -132,13 +136,13 @@ def is_known(protocol: Protocol, rig: Rig) -> bool:
 
 def sites(protocol: Protocol, rig: Rig) -> dict[str | None, Rig]:
     """Return the rig at each site of a study, None for one without sites. Raises `RigError` for a site it lacks."""
-    return {site: rig.at(site) for site in protocol.sites}
+    return {site: rig.at(site) for site in protocol.limits_m_s2}
 
 
 def companions(protocol: Protocol) -> Iterator[Finding]:
     """Yield what is wrong with, or odd about, the recordings that a protocol plays, whatever the rig."""
-    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     for i, one in enumerate(protocol.table(Presented).stimuli):
+        limit_m_s2, limit = _limit(protocol, one.site)
         for j, part in enumerate(one.parts):
             if part.recorded is None:
                 continue
@@ -155,7 +159,7 @@ def companions(protocol: Protocol) -> Iterator[Finding]:
                 yield Finding(
                     f"got a peak of {peak_m_s2:.3g} m/s^2 in {heard.file}",
                     field=f"{place}.full_scale_m_s2",
-                    allowed=f"at most exposure.vibration_peak_m_s2 ({limit_m_s2:g})",
+                    allowed=f"at most {limit}",
                     remedy=f"lower full_scale_m_s2 to {most:.3g} (which weakens the stimulus), or play another part "
                     "of the file",
                 )
@@ -185,13 +189,10 @@ def _doubts(heard: Recording, place: str) -> Iterator[Finding]:
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     """Return what a rig leaves out at most, as far as somebody measured. Raises `RigError` for one that is refused."""
-    limits_m_s2 = protocol.table(Presented).limits_m_s2
     for site, own in sites(protocol, rig).items():
         refuse_unmeasured(rig_file, own, today)
-        if site is not None:
-            check_stops(own, limits_m_s2[site], today)
-            if own.audio is not None and not rig.rig.simulated:
-                check_age(own.audio.latency, today)
+        if site is not None and own.audio is not None and not rig.rig.simulated:
+            check_age(own.audio.latency, today)
     every = on_rig(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     if (refused := next(refusals(protocol, rig, every), None)) is not None:
         raise RigError.at(refused)

@@ -61,11 +61,10 @@ class PresentedDevices:
 
 def open_presented(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, opened: ExitStack) -> PresentedDevices:
     """Open what a task needs; otherwise as `laboratory.open_laboratory`. Raises `SynthesisError` as `rendered`."""
-    protocol, table = sitting.protocol, sitting.protocol.table(Presented)
+    protocol = sitting.protocol
     stimuli, actuators = rendered(protocol, sitting.rig.actuator.rate_hz), dict[str | None, Actuator]()
-    for site in protocol.sites:
+    for site, limit_m_s2 in protocol.limits_m_s2.items():
         own = replace(sitting, rig=sitting.rig.at(site))
-        limit_m_s2 = table.limits_m_s2.get(site, protocol.exposure.vibration_peak_m_s2)
         drive = open_drive(sitting.rig_file.parent, own.rig.actuator, limit_m_s2=limit_m_s2)
         actuators[site] = open_actuator(
             own, drive, stream=stream, ends=ends, opened=opened, site=site, limit_m_s2=limit_m_s2

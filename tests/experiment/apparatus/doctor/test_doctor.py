@@ -85,6 +85,6 @@ def test_audio_that_fails_is_named_by_what_failed_and_the_tracker_is_looked_at_a
     for module, check in ((devices, "checks"), (devices, "steady"), (devices, "loopback")):
         monkeypatch.setattr(module, check, lambda *_, **__: ())
     assert RIG.audio is not None
-    found = list(doctor._audio(RIG, RIG.audio, ENDS, ManualClock(0)))
+    found = list(doctor._audio(RIG, RIG.audio, RIG.views, ENDS, ManualClock(0)))
     assert red(iter(found)) == [replace(error.finding, check=name)]
     assert "tracker port" in [check.check for check in found]

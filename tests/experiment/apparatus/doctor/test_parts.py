@@ -178,4 +178,4 @@ def test_stops_are_asked_to_be_tried_and_a_participant_without_a_key_is_told() -
         (known, 2, ["passes", "passes"]),
         (known, 30, ["passes", "passes"]),
     ):
-        assert [check.verdict for check in checks.stops(one, 30.0, date(2026, 5, day))] == verdicts
+        assert [check.verdict for check in checks.stops(one, {None: 30.0}, date(2026, 5, day))] == verdicts

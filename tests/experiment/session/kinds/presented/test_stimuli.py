@@ -20,7 +20,7 @@ from palpate.experiment.dataset.verify import companions
 from palpate.experiment.errors import ProtocolError, RecordingError, SynthesisError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import ProtocolFile, shipped
-from palpate.experiment.protocol.kinds.presented import Presented
+from palpate.experiment.protocol.kinds.presented import Presented, Site
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session.kinds.presented import fidelity
 from palpate.experiment.session.kinds.presented.plan import plan
@@ -117,6 +117,22 @@ def test_a_check_opens_each_recording(
     every = list(fidelity.companions(written(tmp_path, samples, rate_hz, **own)))
     assert [(one.field.rpartition(".")[2], one.verdict) for one in every] == found
     assert all(one.remedy or one.allowed for one in every)
+
+
+@pytest.mark.parametrize(("peak_m_s2", "verdicts"), [(9.9, ["refuses"]), (10.1, [])])
+def test_a_recording_is_compared_with_the_limit_of_its_site(
+    tmp_path: Path, peak_m_s2: float, verdicts: list[str]
+) -> None:
+    # It reaches 10 m/s^2; the study allows more.
+    study = written(tmp_path, HALF)
+    assert study.exposure.vibration_peak_m_s2 > 10.1
+    table = study.table(Presented)
+    sited = tuple(one.model_copy(update={"site": "palm"}) for one in table.stimuli)
+    palm = Site(name="palm", place="The left palm.", peak_m_s2=peak_m_s2)
+    table = table.model_copy(update={"sites": (palm,), "stimuli": sited})
+    found = list(fidelity.companions(study.model_copy(update={"presented": table})))
+    assert [one.verdict for one in found] == verdicts
+    assert all("palm" in one.allowed for one in found)
 
 
 def test_a_click_that_a_ramp_makes_weak_is_played(tmp_path: Path) -> None:
