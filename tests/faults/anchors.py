@@ -155,7 +155,7 @@ def _said(report: Report, file: str, number: int) -> bool:
         return True
     for one in report.findings:
         if one.verdict == "refuses" and one.place() == file:
-            named = [int(digits) for digits in re.findall(r"(?:line|from|to) (\d+)", one.clause())]
+            named = [int(digits) for digits in re.findall(r"(?:lines?|from|to) (\d+)", one.clause())]
             if named and min(named) <= number <= max(named):
                 return True
     return False

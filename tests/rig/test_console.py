@@ -83,11 +83,11 @@ def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Ter
 
     # Its session killed: it is told, nothing that was confirmed is lost, and a key starts it again.
     os.kill(session, signal.SIGKILL)
-    terminal.until(lambda text: "GONE" in text and "Every confirmed answer" in text)
+    terminal.until(lambda text: "GONE" in text and "Every confirmed" in text)
     terminal.press("Enter")
     terminal.answer()
     for asked_for in ("report", "handed"):
-        terminal.until(re.compile(f"{asked_for}(.|\\n)*write down the answer").search)
+        terminal.until(re.compile(f"{asked_for}(.|\\n)*type the answer").search)
         terminal.press("Enter")
         terminal.until(lambda text: "Leave it blank" in text)
         terminal.press("Enter")

@@ -58,7 +58,7 @@ def at_question(kind: str, words: str = "") -> Callable[[View], bool]:
 BREAK_S = 5.0
 STEPS: dict[str, Callable[[View], bool]] = {
     "consent": at_question("agree", "consent"),
-    "voices": at_question("agree", "sound"),
+    "voices": at_question("agree", "recordings"),
     "identity": at_question("agree", "in front of you"),
     "familiarise": lambda view: view.step == TASKS[0] and at_question("familiarise")(view),
     "masker": at_question("level"),

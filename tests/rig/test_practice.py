@@ -108,7 +108,7 @@ def test_a_session_is_practiced_paused_and_continued_at_a_terminal(
     at_once = "Opening the PRACTICE session, with a simulated laboratory ...\n"
     assert screen.startswith(f"{at_once}PRACTICE - simulated participants")
     assert "'felt' and 'cork'" in screen
-    assert "Familiarisation, up to 55 s." in screen
+    assert "Familiarization, up to 55 s." in screen
     code, rest = practice(tmp_path, "small.toml", "--task", "one")
     assert (code, "complete: 4 answers" in rest) == (0, True), rest
     root = tmp_path / "participants" / "practice-small"
