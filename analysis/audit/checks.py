@@ -125,7 +125,7 @@ class Checks:
     def _cell(self, cell: PrintedCell) -> Iterator[Line]:
         known, sample, test = self._evidence.mean(cell), self._evidence.sample(cell), self._test_of(cell)
         cited = self._citation(cell.where, cell.task, cell.subject, known.statement)
-        no_counts = f"no whole counts of {sample.n} participants give it"
+        no_counts = f"no whole-number counts from {sample.n} participants give it"
         otherwise = self._evidence.refuted, no_counts if self._evidence.refuted == "impossible" else ""
         contradiction: tuple[Verdict, str] = otherwise if cell.in_table else ("differs", "")
         why = self._tried(mistakes.of_mean(known.values, sample.n, self._others(sample.n)))
@@ -133,7 +133,7 @@ class Checks:
         if not known.values and not known.statement:
             return
         if cell.sd is not None:
-            no_steps = "no whole counts give the mean" if cell.scale else NO_STEPS
+            no_steps = "no whole-number counts give the mean" if cell.scale else NO_STEPS
             cited = replace(cited, statement=known.statement or sample.statement or no_steps)
             yield self._sd(cited, cell, cell.sd, contradiction)
         null = test.null if test else None if cell.is_score else self._published.chance

@@ -54,7 +54,7 @@ def _studies(result: Power) -> Section:
     trials = [f"{task.id} {task.repetitions}" for task in result.design.tasks]
     paragraphs = (
         f"{result.studies} SIMULATED studies of {result.study} were run at each size, with seed {result.seed}. "
-        f"Answers are from: {result.model.source}.",
+        f"Source of the answers: {result.model.source}.",
         ABOUT["studies"].substitute(shares=", ".join(shares), trials=", ".join(trials)),
         *(f"{note[0].upper()}{note[1:]}." if not note.endswith(".") else note for note in result.notes),
     )

@@ -281,7 +281,7 @@ def section(result: Sequential) -> Section:
     levels = f" P must be at most {', '.join(f'{level:.5f}' for level in result.levels)}." if result.levels else ""
     paragraphs = (
         f"{result.studies} SIMULATED studies of {result.study} have looks at {looks} participants, all of whom do "
-        f"every task; {how}.{levels} Seed {result.seed}. Answers are from: {result.source}.",
+        f"every task; {how}.{levels} Seed {result.seed}. Source of the answers: {result.source}.",
         f"A proportion of {result.alike:g} of the variance between participants is common to all tasks and "
         "materials. In the control studies, participants differ as much but answer at chance level, so any findings "
         "are type I errors. Each question stops independently.",

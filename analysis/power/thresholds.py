@@ -180,7 +180,7 @@ def doubts(protocol: StudyProtocol, rules: Mapping[str, Rule]) -> Iterator[Findi
             yield Finding(
                 f"task {task.id}: the threshold by the rule of the levels is {bias_db:+.1f} dB off in {QUICK} "
                 f"SIMULATED sessions of an observer with a spread of {worst.spread_db:g} dB",
-                remedy="use more reversals or trials, or smaller last steps; `palpate power` shows every observer",
+                remedy="use more reversals or trials, or smaller final steps; `palpate power` shows every observer",
                 verdict="warns",
             )
 
@@ -284,7 +284,7 @@ def _section(found: Thresholds) -> Section:
     ]  # fmt: skip
     off = [one for one in found.observers if abs(one.rule_bias_db or 0.0) > WARNED_DB]
     said = (
-        f"SIMULATED observers of {found.study}, seed {found.seed}: a known threshold within the levels, four "
+        f"SIMULATED observers for {found.study}, seed {found.seed}: a known threshold within the levels, four "
         "spreads, three lapse rates. Fit bias is relative to the true threshold; rule bias is relative to the level "
         "at the rule's proportion correct.",
         f"The rule's bias is above {WARNED_DB:g} dB for {len(off)} of {len(found.observers)} observers.",

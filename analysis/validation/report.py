@@ -138,7 +138,7 @@ def _classification(validation: Validation) -> Section:
         table = tabulate(f"{one.material}: takes assigned to each speed", columns, speeds, marked=marked)
         tables.append(replace(table, records=tuple(_takes(one))))
     text = "; ".join(
-        f"{material} at {observed:g} mm/s, {n} on {chosen:g} mm/s"
+        f"{material} at {observed:g} mm/s, {n} assigned to {chosen:g} mm/s"
         for material, observed, chosen, n in dissimilarities.load().counts
     )
     head = "At least half" if validation.holds else "NOT everywhere at least half"
@@ -181,7 +181,7 @@ OVERLAID = (
 
 
 def _overlay(validation: Validation) -> Section:
-    shown = tabulate("Synthesized and averaged observed spectra", OVERLAID, map(asdict, validation.overlays))
+    shown = tabulate("Synthesized spectra and averages of observed spectra", OVERLAID, map(asdict, validation.overlays))
     records: list[Record] = [
         {"material": one.material, "speed_mm_s": one.speed_mm_s, "frequency_hz": float(f),
          "observed_m_s2": float(observed), "synthesised_m_s2": float(synthesised)}
@@ -257,7 +257,7 @@ def _sheets(validation: Validation) -> Iterator[drawing.Sheet]:
         for axes, one in zip(panels, validation.overlays, strict=True):
             overlay(axes, one, f)
         drawing.common_key(figure, panels[0])
-        said = "Synthesized spectra and averaged observed spectra, minus the panel (as in Fig. 6 of Okamoto et al.)."
+        said = "Synthesized spectra and averages of observed spectra, minus the panel (as in Fig. 6 of Okamoto et al.)."
         yield drawing.Sheet("overlay", "overlay", said, figure)
 
     figure, (axes,) = drawing.sheet([2.6], f"Materials at {validation.reference_mm_s:g} mm/s, minus the panel", label)

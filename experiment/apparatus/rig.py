@@ -39,8 +39,8 @@ def _actuator_rules(table: Any) -> Iterator[Broken]:
     """The driver `audio` has no `address`; the others need one.
 
     Your own driver needs `output_v` or `output_m_s2`, except with `shaping`. Exactly one of `full_scale_m_s2` and the
-    table `shaping` is required. With `full_scale_m_s2`, `low_hz` and `high_hz` can be set, both or neither, and
-    `high_hz` is greater. `inverse_ahead_ms` needs the table `measured`.
+    `shaping` table is required. With `full_scale_m_s2`, set both `low_hz` and `high_hz` or neither; `high_hz` is
+    greater. `inverse_ahead_ms` needs the `measured` table.
     """
     yield from port_rules(table)
     sound, address = table.get("driver") == "audio", table.get("address")
@@ -260,10 +260,10 @@ class AudioChannels(Confined):
     """Channels, counted from 1.
 
     Attributes:
-        headphones: outputs of the masker, at most 8.
-        actuator: output of the stimulus.
-        microphone: input of the participant's voice.
-        loopback: input of the signal sent to the actuator's amplifier.
+        headphones: outputs for the masker, at most 8.
+        actuator: output for the stimulus.
+        microphone: input for the participant's voice.
+        loopback: input for the signal sent to the actuator's amplifier.
     """
 
     RULES: ClassVar[Rules] = _channel_rules
@@ -381,7 +381,7 @@ class SiteRig(Confined):
     Attributes:
         name: of the site, as in the protocol.
         channel: output of the audio device.
-        loopback: input of the signal sent to this actuator's amplifier.
+        loopback: input for the signal sent to this actuator's amplifier.
         latency: of this output and input, as `palpate calibrate audio --site` measures it.
         actuator: the device.
     """

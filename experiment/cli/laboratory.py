@@ -395,7 +395,7 @@ def rehearse(
     ] = None,
     panel: Annotated[
         Path | None,
-        options.file_option("--panel", "Modes file for a simulated panel [default: a panel without phase]."),
+        options.file_option("--panel", "Modes file for a simulated panel [default: a panel without phase shift]."),
     ] = None,
     control: Annotated[
         Literal["none", "silence", "heard"],

@@ -274,7 +274,7 @@ def _serve(host: str, port: int) -> None:
         from palpate.experiment.desk.console import serve
     except ImportError as error:
         raise LinkError(
-            f"the browser console needs {error.name}", remedy="install palpate with the extra 'serve'"
+            f"the browser console needs {error.name}", remedy="install palpate with the 'serve' extra"
         ) from error
     serve.served(options.palpate_command(*sys.argv[1:], "--served"), host=host, port=port).serve()
 

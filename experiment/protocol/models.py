@@ -37,7 +37,7 @@ class Study(Confined):
     """What the study is and where it was published.
 
     Attributes:
-        id: names the study, its files and dataset.
+        id: name of the study, files, and dataset.
         title: its name.
         source: publication or plan it follows.
         participants: number of people.
@@ -416,12 +416,12 @@ class Task(Confined):
         instruction: for the participant.
         pictures: shown after the instruction.
         question: question on the participant's screen in each trial, if not the design's.
-        participants: how many people do it: the first to enroll.
+        participants: number of participants, taken in order of enrollment.
         repetitions: of each material, of each pair (half in each order), or of a detection block.
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
         masker: this task's noise, if not that of `[masker]`.
-        materials: materials presented, in the protocol's order, if not all; any may be answered.
+        materials: materials presented, if not all, in the protocol's order; any can be the answer.
         levels: how strong its vibrations are, if not as they are made.
         phase: phases of a footstep's vibration, if not the signs of equation (4): all equal, random, or preserving the
             recorded profile.

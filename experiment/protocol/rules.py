@@ -177,8 +177,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     orders have no more than 400 trials. The limit of `answers-below` is at most the number of trials in the shortest
     task, and that of `speed-above` is greater than that of `speed-below`. At most 6 tasks are counterbalanced.
 
-    A task's `materials` are some of the protocol's, each once and in the same order; with only one, its order is not
-    `max-run`. A task with `levels` is `virtual` and `blocked-random`, without a rule `answers-below`, and without
+    A task's `materials` are a subset of the protocol's, in the same order; with only one material, the task's order is
+    not `max-run`. A task with `levels` is `virtual` and `blocked-random`, without a rule `answers-below`, and without
     `answers.progress` unless the levels are `constant`.
 
     A task with `control` must be a virtual identification task, and the task it controls for must be virtual and not

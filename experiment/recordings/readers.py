@@ -462,7 +462,7 @@ def _missing(file: str, signal: Column, kept: NDArray[np.intp]) -> tuple[Finding
     begin, end = int(kept[0]), signal.values.size - 1 - int(kept[-1])
     beyond = np.count_nonzero(np.isinf(signal.values))
     cut = f"{signal.name} lacks {begin} samples at the beginning and {end} at the end, so it was trimmed"
-    over = f"{signal.name} is out of range in {beyond} samples, whose true values the interpolation cannot show"
+    over = f"{signal.name} is out of range in {beyond} samples; interpolation cannot recover their true values"
     told = ((begin or end, cut, "export it again", "ends"), (beyond, over, "record at a lower gain", "clipping"))
     return tuple(
         Finding(what, where=file, remedy=remedy, verdict="warns", check=check)

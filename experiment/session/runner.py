@@ -88,7 +88,7 @@ def run(
         # Anybody may have withdrawn up to the moment at which this runner held them.
         said, who = any(isinstance(entry, entries.Withdrawal) for entry in contents.entries), header.participant
         if said or who in Roster.load(roster_path(dataset)).withdrawn:
-            raise JournalError(path, f"participant {who} withdrew and cannot continue", "enrol another participant")
+            raise JournalError(path, f"participant {who} withdrew and cannot continue", "enroll another participant")
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
             journal.settle(path, contents)

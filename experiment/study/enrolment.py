@@ -194,8 +194,8 @@ def refuse_rehearsal(root: Path) -> None:
             "this is a practice or rehearsal dataset with simulated participants: nobody enrolls, "
             "consents or withdraws",
             Remedy(
-                "give the folder of a study with --dataset, delete this one if not needed, or try these commands "
-                "in a pilot, which is not study data",
+                "give the folder of a study with --dataset, delete this one if it is not needed, or try these "
+                "commands in a pilot, whose data are not study data",
                 ("palpate", "enrol", "PROTOCOL", "--participant", "01", "--pilot"),
                 suffices=False,
             ),

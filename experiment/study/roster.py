@@ -353,7 +353,7 @@ class Roster:
         if participant in self.withdrawn:
             raise RosterError(
                 f"participant {participant} withdrew ({self.withdrawn[participant]}) and can no longer take part",
-                remedy="enrol another participant",
+                remedy="enroll another participant",
             )
         consent_on = self.consent_on[participant]
         if protocol.consent.required and consent_on is None:
@@ -455,7 +455,7 @@ class Roster:
             return
         if participant in self.withdrawn:
             on_record = f"give the reason on record: '{self.withdrawn[participant]}'"
-            mend = on_record if isinstance(entry, Withdrawn) else "enrol another participant"
+            mend = on_record if isinstance(entry, Withdrawn) else "enroll another participant"
             raise RosterError(f"participant {participant} has already withdrawn", remedy=mend)
         self._apply_to_active(entry)
 

@@ -109,7 +109,7 @@ def _side_words(side: Side) -> str:
     if side.noticed_high_ms is None or side.noticed_ms is None or side.noticed_low_ms is None:
         return f"{said}; no just noticeable delay can be determined."
     within = f"{side.noticed_low_ms:.0f} to {side.noticed_high_ms:.0f} ms"
-    return f"{said}; {side.noticed_ms:.0f} ms {name} is just noticed (95 % CI {within})."
+    return f"{said}; {side.noticed_ms:.0f} ms {name} is just noticeable (95 % CI {within})."
 
 
 def delays(results: Compared, stands: Standing) -> tuple[Section, ...]:

@@ -231,7 +231,8 @@ def server(address: str, settings: ActuatorRig) -> Iterator[Finding]:
             actuator.play_silence(SERVED_S)
             while not actuator.is_silent() and (time.monotonic() - cut.result()) * 1e3 <= CLOSES_MS[1]:
                 time.sleep(LOOK_S)
-            yield _closes(name, [(time.monotonic() - cut.result()) * 1e3], "the connection was cut halfway")
+            ended_ms = (time.monotonic() - cut.result()) * 1e3
+            yield _closes(name, [ended_ms], "the connection was cut partway through a stimulus")
     except ActuatorError as error:
         yield refused(name, error)
 

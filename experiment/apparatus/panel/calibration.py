@@ -118,9 +118,9 @@ class Calibration:
         if abs(self.found.upright) < UNHEARD:
             return "the direction in which a positive sample moves the panel is unclear"
         if self.found.upright > 0:
-            return "a positive sample moves the panel along the sensor's axis"
+            return "a positive sample moves the panel along the sensor's positive axis"
         turned = "the sensor is upside down, or the actuator's wires are swapped"
-        return f"a positive sample moves the panel against the sensor's axis: {turned}"
+        return f"a positive sample moves the panel opposite to the sensor's positive axis: {turned}"
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def unheard(coherence: float) -> RecordingError:
     """Return why a sensor is not that of the panel that played."""
     return refusal(
         f"the sensor does not detect the played signal (coherence {coherence:.2f})",
-        "check that actuator and accelerometer in the rig file belong to the same panel and are switched on",
+        "check that the actuator and the accelerometer in the rig file belong to the same panel and are switched on",
         allowed=f"{UNHEARD:g} or more",
     )
 

@@ -105,7 +105,8 @@ def _needed(virtual: Tapping, device: ServoRig, tracker: TrackerRig, observer: O
 def judged(virtual: Tapping, device: ServoRig, tracker: TrackerRig) -> tuple[bool, str]:
     """Return whether a device may render a protocol's block, and in sentences what damping that takes, and why."""
     k, c, observer = virtual.stiffness_n_m, virtual.damping_n_s_m, follower(virtual, device, tracker)
-    block = f"The block has {k:g} N/m and {c:g} N s/m, at {virtual.rate_hz} Hz with a delay of {device.delay_ms:g} ms"
+    block = f"The block has a stiffness of {k:g} N/m and a damping of {c:g} N s/m, "
+    block += f"at {virtual.rate_hz} Hz with a delay of {device.delay_ms:g} ms"
     has = f"this one has {device.damping_n_s_m:g} N s/m"
     if device.hand_damping_n_s_m:
         has += f", plus {device.hand_damping_n_s_m:g} N s/m assumed for the hand ({device.hand_damping_source})"

@@ -76,7 +76,7 @@ class GuardedTracker:
             # Of several frames the first alone may have been torn.
             first = self._planar and self._newest is None and samples.ends.size > 1
             if first and not Decoder(readings=2).feed(samples.raw)[1].link.received:
-                raise ValueError("raw contains no frame with two readings, as encode makes them")
+                raise ValueError("raw contains no two-reading frame of the kind that encode produces")
             self._newest = samples
             return samples
 

@@ -16,7 +16,7 @@ Address = Annotated[str, Field(pattern=r"^(\d{1,3}\.){3}\d{1,3}$", description="
 
 
 def _event_rules(table: Any) -> Iterator[Broken]:
-    """At least one event has a number, and no two have the same."""
+    """At least one event has a number, and no two events share a number."""
     numbers = [number for number in table.values() if number is not None]
     if not numbers or len(set(map(str, numbers))) < len(numbers):
         yield Broken((), "a number for at least one event, with no number used twice")

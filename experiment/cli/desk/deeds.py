@@ -265,10 +265,9 @@ def _practice(study: Study) -> Deed:
         Field("Participant", "--participant", who),
     )
     every = study.protocol.trials(study.protocol.task(task))
-    hint = (
-        f"Repetitions of each stimulus or pair: {SHORT} for {study.short.trials(task)} trials, empty for all {every}. "
-    )
-    hint += f"Tasks: {', '.join(tasks)}; empty for all. Practice is never part of the study's data."
+    hint = f"Repetitions of each stimulus or pair: {SHORT} for {study.short.trials(task)} trials; "
+    hint += f"leave empty for all {every}. Tasks: {', '.join(tasks)}; leave empty for all. "
+    hint += "Practice is never part of the study's data."
     lines = tuple(word for word in study.place.session if word == "--lines")
     does = f"Practice {practice.trials(task)} of {every} trials with a simulated participant."
     found = deed("practice", "run", str(study.file), "--practice", *lines, fields=fields, hint=hint)

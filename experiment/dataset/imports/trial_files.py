@@ -321,7 +321,7 @@ class _Reader:
             rule = "negative" if value < 0 else "NUMBER"
             remedy = self._remedy("mark such times as missing", "--missing-time", rule)
             if math.isnan(value):
-                remedy = self._remedy("if it means a missing time, add the option", "--missing-time", cell)
+                remedy = self._remedy("if it means a missing time, add --missing-time", "--missing-time", cell)
             error = cells.refused(column, "a number of at least 0, or an empty cell", remedy)
             self._no_times += [error] if math.isnan(value) else []
             raise error
@@ -374,7 +374,7 @@ class _Reader:
         if akin := _akin(answered, known):
             return self._remedy("map it", "--map", f"{answered}={akin}")
         if code := next((code for code, meant in self._layout.answers.items() if meant == answered), ""):
-            words = "if this code was presented, add the option, or give it with --material"
+            words = "if this code was presented, add --map-presented; if not, give its material with --material"
             return self._remedy(words, "--map-presented", f"{code}={answered}")
         words = "map it to a material, or give it with --material if it was never presented"
         return self._remedy(words, "--map", f"{answered}=MATERIAL")
@@ -417,7 +417,7 @@ class _Reader:
                     DatasetError(
                         self._paths[0],
                         f"got {quoted(other)} and {quoted(material)}, which look the same",
-                        self._remedy("if they are the same, add the option", *options),
+                        self._remedy("if they are the same, map one to the other", *options),
                         allowed="one spelling",
                         field=f"column {self._layout.presented}",
                     )
@@ -457,7 +457,7 @@ class _Reader:
         if column and self._layout.session is None:
             words = (
                 f"{column} differs there: if a run was restarted, leave out one of the two with --leave-out; if both "
-                "are sessions with this person, add the option"
+                "are sessions with this person, add --session"
             )
             remedy = self._remedy(words, "--session", column)
         return refused(

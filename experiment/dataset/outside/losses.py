@@ -57,7 +57,7 @@ def _loss(path: Path, recorded: Sequence[Entry]) -> Iterator[Finding]:
     parts = f"{len(cut)} of {count(len(named), part)}"
     told = [f"ends too early and has lost {count(lost, what)}, {parts}"] if cut else []
     if unnamed:
-        torn = f"has {count(unnamed, 'byte')} that no line records, e.g., after an interrupted {part}"
+        torn = f"has {count(unnamed, 'byte')} not recorded in any line, e.g., after an interrupted {part}"
         told.append(f"{torn}: {count(-(-unnamed // size), what)} lost")
     remedy = "restore it from a backup if the backup is more complete" if cut else ""
     file = storage.raw_path(path, named[0][1].file)

@@ -72,8 +72,8 @@ def opened(name: str, view: View) -> Form:
             form = Form(name, title, "records it", blanks, hint)
         case "break":
             title = (
-                "Take a break as soon as nothing can be felt. The screen shows when it ends; you then continue the "
-                "session."
+                "Take a break as soon as nothing can be felt. The screen shows when the break is over; then "
+                "continue the session."
             )
             form = Form(name, title + again, "pauses", (Blank("Minutes", BREAK_MIN),))
         case "stop":

@@ -86,7 +86,7 @@ def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
                 f"a recording of {one!r} that is closest to one of {other!r}" for one, other in mistaken.items()
             ),
             "record each of these answers twice again",
-            allowed="recordings closest to others of the same answer",
+            allowed="recordings whose closest match is another recording of the same answer",
         )
     own = float(np.mean(apart[same & np.isfinite(apart)]))
     return Enrolment(answers, every, own, float(np.mean(apart[~same])))
@@ -124,7 +124,7 @@ def match(utterance: Take, enrolment: Enrolment, begins: Sequence[int] = (0,)) -
             "utterance",
             f"got shape {utterance.shape}, from frames {tuple(begins)} on",
             "compute its cepstra",
-            allowed=f"at least one frame of {coefficients} coefficients, starting at one of its frames",
+            allowed=f"one or more frames of {coefficients} coefficients each, and starts that are among those frames",
         )
     rests = _rests(utterance, enrolment.takes)
     nearest = np.min(rests, axis=1)

@@ -512,8 +512,8 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
         "If a stimulus may have been felt but the trial has no confirmed answer, the trial is repeated at the end of "
         "its block. The reason may be the repeat key, a pause, a rule below, or a fault in the rig. In a "
         f"blocked-random task, a block presents each {_noun(protocol)} once; any other task is a single block. "
-        "Repeats have no limit of their own: a session pauses after 10 attempts at one trial, and its time limit ends "
-        "it."
+        "Repeats have no limit of their own, but a session pauses after 10 attempts at one trial, and ends at its time "
+        "limit."
     )
     leveled = [task.levels is not None for task in protocol.tasks]
     again = " in tasks without levels" if any(leveled) else ""

@@ -87,7 +87,7 @@ class ForceBudget:
         silent = f" and is zero {still.zero_part:.0%} of the time" if still.zero_part >= SHOWN else ""
         told = (
             f"For a SIMULATED hand at rest inside the block, the force has an SD of {still.error:.1%}{silent}. Taps "
-            f"have an rms error of {taps_off}, relative to the law's rms within {self.limit_n:g} N."
+            f"have an rms error of {taps_off}, relative to the rms of the law limited to {self.limit_n:g} N."
         )
         if (fastest := taps[-1]).asked_n > self.limit_n:
             told += f" The law requires {fastest.asked_n:.3g} N for a touch at {fastest.speed_mm_s:g} mm/s."

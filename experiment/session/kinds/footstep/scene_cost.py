@@ -346,7 +346,7 @@ def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
     tactile, fastest = protocol.table(Footstep).tactile, preparation.fastest_mm_s(protocol)
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     if fastest == float("inf"):
-        return "all frequencies are requested: trials count at any speed, so none are certain to be below the floor"
+        return "all frequencies are requested: trials at any speed count, so none is certain to be below the floor"
     loudest, level = preparation.felt_outside(held, protocol)
     reached = f"reaches {level:.2g} m/s^2 rms at up to {fastest:g} mm/s ({loudest})"
     floor = floor_words(protocol)

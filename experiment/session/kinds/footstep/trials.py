@@ -323,7 +323,7 @@ class Footsteps(Kind):
     def _play_probe(self) -> None:
         probe, sounder = self._protocol.masker.probe, self._watch.sounder
         if probe is None or sounder is None:
-            raise RuntimeError("no probe is played where there is none")
+            raise RuntimeError("there is no probe to play, or no actuator to play it")
         if over := self._limits.end_reason():
             self._lent.show(nothing_more(over))
             return
