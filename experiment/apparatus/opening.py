@@ -131,10 +131,8 @@ def copy_rig(rig_file: Path, copy: Path) -> None:
     """
     rig = rigs.load(rig_file)
     beside: dict[str, tuple[str, bytes]] = {}
-    actuators = [one.actuator for one in rig.views.values()]
-    for measured in (table for one in actuators for table in (one.shaping, one.measured)):
-        if measured is not None:
-            beside[measured.response] = "table", response_table(rig_file.parent, measured)
+    for measured in rig.response_tables:
+        beside[measured.response] = "table", response_table(rig_file.parent, measured)
     for driver in rig.driver_files:
         beside[driver.name] = "driver", storage.read_bytes(driver)
     for name, (what, content) in beside.items():

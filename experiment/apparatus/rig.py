@@ -653,6 +653,12 @@ class Rig(Confined):
         """The rig with its own actuator, then as each of its sites has it, by name."""
         return {None: self, **{one.name: self.at(one.name) for one in self.sites or ()}}
 
+    @property
+    def response_tables(self) -> tuple[ShapingRig | MeasuredRig, ...]:
+        """What names a file beside the rig file: the responses of all actuators."""
+        each = (table for one in self.views.values() for table in (one.actuator.shaping, one.actuator.measured))
+        return tuple(table for table in each if table is not None)
+
     def driver_file(self, driver: str) -> Path | None:
         """Return the file beside the rig file that contains a driver `module:Class`; None where a package does."""
         module, own, _ = driver.partition(":")

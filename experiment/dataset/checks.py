@@ -387,9 +387,7 @@ def _sites(dataset: Dataset) -> Iterator[Finding]:
     for path, header in dataset.sessions:
         protocol = dataset.version(header)
         site_of = protocol.kind_table(protocol.task(header.task)).site_of
-        if not any(site_of.values()):
-            continue
-        felt = (one for entry in journal.read(path).entries for one in entry.felt_at.items())
+        felt = (one for entry in journal.read(path).entries for one in entry.felt_at)
         for material, site in felt:
             if site != (allowed := site_of.get(material)):
                 what = f"has a stimulus of {material} at {site}"

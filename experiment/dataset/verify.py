@@ -339,7 +339,7 @@ def _roster(path: Path, rosters: list[Roster]) -> str:
 
 
 def rig_files(dataset: Sessions) -> Iterator[Finding]:
-    """Yield each rig file, with its response table, that is not the one that the journal beside it names."""
+    """Yield each rig file, with its response tables, that is not the one that the journal beside it names."""
     for path, header in dataset.sessions:
         file = storage.rig_path(path)
         if not file.exists() and not file.is_symlink():
@@ -347,8 +347,8 @@ def rig_files(dataset: Sessions) -> Iterator[Finding]:
             continue
         try:
             rig = rigs.session_rig(file, header.rig_sha256)
-            if rig.actuator.shaping:
-                rigs.response_table(file.parent, rig.actuator.shaping)
+            for table in rig.response_tables:
+                rigs.response_table(file.parent, table)
         except PalpateError as error:
             yield error.finding
 

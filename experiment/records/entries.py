@@ -1,6 +1,5 @@
 """Models of the journal entries that every kind of trial shares: a `Header`, then entries, then a `Footer`."""
 
-from collections.abc import Mapping
 from datetime import datetime
 from hashlib import sha256
 from typing import Annotated, ClassVar, Literal
@@ -41,9 +40,9 @@ class Entry(Record):
         return () if stimulus is None else (stimulus.lasts_s,)
 
     @property
-    def felt_at(self) -> Mapping[str, str | None]:
-        """The site of the body of each stimulus that this entry puts on record, by its material."""
-        return {}
+    def felt_at(self) -> tuple[tuple[str, str | None], ...]:
+        """The material and the site of the body of each stimulus that this entry puts on record."""
+        return ()
 
     @property
     def frames(self) -> "Trace | None":
@@ -259,6 +258,10 @@ class Trained(Entry):
     @property
     def felt_s(self) -> tuple[float, ...]:
         return self.entry.felt_s
+
+    @property
+    def felt_at(self) -> tuple[tuple[str, str | None], ...]:
+        return self.entry.felt_at
 
     @property
     def frames(self) -> Trace | None:

@@ -7,11 +7,15 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import date
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.audio import calibration
@@ -19,11 +23,13 @@ from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSetting
 from palpate.experiment.apparatus.doctor.devices import PEAK
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock, MonotonicClock
-from palpate.experiment.dataset.verify import verify
+from palpate.experiment.dataset.verify import rig_files, verify
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.records.kinds.presented import Presentation
+from palpate.experiment.records.entries import Trained
+from palpate.experiment.records.kinds.presented import CutShort, Interval, Presentation
 from palpate.experiment.rehearsal.study import rehearse, simulated_rig
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session.kinds.presented.trials import Sounded
@@ -129,15 +135,58 @@ def test_a_site_is_shaken_alone_and_up_to_its_own_limit(rig: Rig, card: WiredCar
         stream.close()
 
 
+TRAINED = sites.sited(1).replace("\n[[tasks]]\n", "\n[[tasks]]\ntraining = { trials = 2, feedback = false }\n", 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [(sites.sited(1), range(99)), (TRAINED, range(4, 5)), (shipped("presented.toml").read_text("utf-8"), range(99))],
+)
 def test_a_journal_with_another_site_than_the_protocol_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, wrong: range
 ) -> None:
-    # A program that takes one site for the other.
-    at, on_record = {"palm": "wrist", "wrist": "palm"}, Sounded.on_record
-    monkeypatch.setattr(Sounded, "on_record", lambda one: on_record(replace(one, site=at[str(one.site)])))
+    # A program that takes one site for another in some of the stimuli; four come before the training.
+    at, on_record = {"palm": "wrist", "wrist": "palm", None: "palm"}, Sounded.on_record
+    numbers = count()
+    monkeypatch.setattr(
+        Sounded,
+        "on_record",
+        lambda one: on_record(replace(one, site=at[one.site]) if next(numbers) in wrong else one),
+    )
     with pytest.raises(DatasetError):
-        rehearsed(tmp_path, None, sites.sited(1))
+        rehearsed(tmp_path, None, text)
     assert "sites" in {one.check for one in verify(tmp_path / "out").findings if one.verdict == "refuses"}
+
+
+def bare(model: Any, **given: object) -> Any:
+    return model.model_construct(**given)
+
+
+def test_a_trial_has_on_record_each_site_of_a_material_that_it_presents_twice() -> None:
+    twice = tuple(bare(Interval, material="hum", site=site) for site in ("palm", "wrist"))
+    for entry in (bare(kind, intervals=twice) for kind in (Presentation, CutShort)):
+        assert entry.felt_at == bare(Trained, entry=entry).felt_at == (("hum", "palm"), ("hum", "wrist"))
+
+
+def test_a_dataset_with_another_table_of_a_site_is_refused(tmp_path: Path) -> None:
+    path = sites.card_rig(tmp_path)
+    (shaping,) = rigs.load(path).response_tables
+    (tmp_path / "palm.csv").write_bytes((tmp_path / shaping.response).read_bytes())
+    own = f'[sites.actuator.shaping]\nresponse = "palm.csv"\nresponse_sha256 = "{shaping.response_sha256}"\n'
+    own += "full_scale_v = 12.0\ngain_limit_v_per_m_s2 = 4.0\n"
+    text = path.read_text("utf-8")
+    path.write_text(text.replace("full_scale_m_s2 = 40.0\nlow_hz = 20\nhigh_hz = 1000\n", own), "utf-8")
+    journal_file = tmp_path / "dataset" / "sub-01_journal.jsonl"
+    copy = storage.rig_path(journal_file)
+    opening.copy_rig(path, copy)
+    header: Any = SimpleNamespace(rig_sha256=rigs.sha256(rigs.load(path)))
+    sessions: Any = SimpleNamespace(sessions=[(journal_file, header)])
+    assert list(rig_files(sessions)) == []
+    table = copy.with_name("palm.csv")
+    table.write_bytes(table.read_bytes() + b"\n")
+    assert [one.where for one in rig_files(sessions)] == [table]
+    table.unlink()
+    assert [one.where for one in rig_files(sessions)] == [table]
 
 
 LOOPBACKS = {

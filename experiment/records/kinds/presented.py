@@ -38,8 +38,8 @@ class Presentation(Outcome):
         return tuple(one.stimulus.lasts_s for one in self.intervals)
 
     @property
-    def felt_at(self) -> dict[str, str | None]:
-        return {one.material: one.site for one in self.intervals}
+    def felt_at(self) -> tuple[tuple[str, str | None], ...]:
+        return tuple((one.material, one.site) for one in self.intervals)
 
 
 class Sample(Entry):
@@ -54,8 +54,8 @@ class Sample(Entry):
         return (self.interval.stimulus.lasts_s,)
 
     @property
-    def felt_at(self) -> dict[str, str | None]:
-        return {self.interval.material: self.interval.site}
+    def felt_at(self) -> tuple[tuple[str, str | None], ...]:
+        return ((self.interval.material, self.interval.site),)
 
 
 class CutShort(Outcome):
@@ -75,8 +75,8 @@ class CutShort(Outcome):
         return tuple(one.stimulus.lasts_s for one in self.intervals)
 
     @property
-    def felt_at(self) -> dict[str, str | None]:
-        return {one.material: one.site for one in self.intervals}
+    def felt_at(self) -> tuple[tuple[str, str | None], ...]:
+        return tuple((one.material, one.site) for one in self.intervals)
 
     @property
     def put_off(self) -> bool:
