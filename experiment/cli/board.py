@@ -28,7 +28,8 @@ def amend(
         typer.Option(
             "--in-progress",
             help="Version with which participants who have begun will finish: the old one for all tasks (old), the "
-            "old one for the current session and the new one for later tasks (session), or only the new one (new).",
+            "old one for the current session and the new one for later tasks (session), or only the new one (new), "
+            "which ends sessions in progress: their remaining trials are never run.",
         ),
     ] = None,
     reconsent: Annotated[
@@ -87,6 +88,11 @@ def amend(
         words = {"suspended": "suspended", "lifted": "no longer suspended", "ended": "ended"}[kind]
         path = amendment.stop(protocol_file, kind, on, reason or "", root=root)  # type: ignore[arg-type]
         typer.echo(f"The study is {words} as of {on}: {path}")
+        if kind == "suspended" and (lifted := amendment.lifted_after(path, on)) is not None:
+            typer.echo(
+                f"BUT: the roster already has a lift from {lifted}, which ends this suspension. If the board suspended "
+                "the study again later, record that with the day of the new decision."
+            )
         _follow_up(root)
         return
     checks.load_sound(root)

@@ -125,6 +125,12 @@ def stop(
     return roster.path
 
 
+def lifted_after(roster_file: Path, day: date) -> date | None:
+    """Return the first day after `day` on which a suspension on record is lifted; None without any."""
+    lifts = (one.from_on for one in Roster.load(roster_file).stopped if one.kind == "lifted" and one.from_on > day)
+    return min(lifts, default=None)
+
+
 def to_reconsent(root: Path, known: Approvals, roster: Roster, today: date) -> tuple[str, ...]:
     """Return who has to consent again before their next session on `today`."""
     if not any(one.reconsent for one in known.approved):

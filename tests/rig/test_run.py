@@ -129,9 +129,7 @@ def test_a_session_from_the_experimenters_chair(
     assert code == 0
     assert "complete: 4 answers" in out
     assert prompts.count("Lay out") == (4 if task == "real" else 0)
-    left_out = (
-        r"Rig 'rehearsal': at most 34\.\d\d% \(rms\) of copy paper at 200 mm/s \(.*\) is left out; the limits "
-    )
+    left_out = r"Rig 'rehearsal': at most 34\.\d\d% \(rms\) of copy paper at 200 mm/s \(.*\) is left out; the limits "
     # Before anything was asked.
     assert len(re.findall(left_out, "\n".join(told))) == (task == "virtual")
     folder = tmp_path / "dataset" / "sourcedata" / "sub-01"

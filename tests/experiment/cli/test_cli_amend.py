@@ -216,6 +216,18 @@ def test_an_end_is_asked_about_and_a_choice_beside_it_refused(
     assert [one.kind for one in amendment.known_approvals(study.file, study.root)[1].stopped] == ["ended"]
 
 
+def test_a_suspension_from_before_a_lift_on_record_says_that_it_is_over(study: MadeStudy, palpate: Palpate) -> None:
+    today, earlier, letter = date.today(), date.today() - timedelta(days=1), ("--reason", "letter of the board")
+    amend = ("amend", study.file, "--dataset", study.root)
+    for option, day, over in (
+        ("--suspended-on", today, False), ("--lifted-on", today, False), ("--suspended-on", earlier, True),
+        ("--suspended-on", today, False),
+    ):  # fmt: skip
+        code, out, _ = palpate(*amend, option, day, *letter)
+        assert (code, f"a lift from {today}" in out) == (0, over)
+    assert amendment.known_approvals(study.file, study.root)[2].stop(today) is not None
+
+
 def test_a_suspension_alone_is_recorded_of_a_dataset_that_is_damaged(study: MadeStudy, palpate: Palpate) -> None:
     amend, (path, *_) = changed(study, palpate), storage.journals(study.root)
     path.write_bytes(path.read_bytes().replace(b'"answered"', b'"answereD"', 1))
