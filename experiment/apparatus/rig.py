@@ -396,18 +396,26 @@ class SiteRig(Confined):
 
 
 CALIBRATE_AUDIO = ("palpate", "calibrate", "audio", "--rig", "RIG")
+
+
+def at_site(command: tuple[str, ...], site: str | None) -> tuple[str, ...]:
+    """Return a command that calibrates a device, for that of a site if there are several."""
+    return command if site is None else (*command, "--site", site)
+
+
 DOCTOR = ("palpate", "doctor", "--rig", "RIG")
 
 UNCALIBRATED = date(2000, 1, 1)
 """What a rig file that `palpate new --rig` wrote has in place of each date of a calibration."""
 
 
-def check_age(calibrated: LatencyRig | HeadphonesRig, today: date) -> None:
-    """Refuse, with a `RigError`, what was calibrated too long ago, or after today."""
-    table, after = "headphones", ", and put the result into the rig file"
+def check_age(calibrated: LatencyRig | HeadphonesRig, today: date, site: str | None = None) -> None:
+    """Refuse, with a `RigError`, what was calibrated too long ago, or after today; a latency may be that of a site."""
+    table, after = "audio.headphones", ", and put the result into the rig file"
     remedy: Remedy | str = f"measure the headphones' level again{after}"
     if isinstance(calibrated, LatencyRig):
-        table, remedy = "latency", Remedy(f"run {{}}{after}", CALIBRATE_AUDIO, suffices=False)
+        table = "audio.latency" if site is None else f"sites.latency of {site}"
+        remedy = Remedy(f"run {{}}{after}", at_site(CALIBRATE_AUDIO, site), suffices=False)
     made, days = calibrated.calibrated_on, calibrated.calibration_days
     age = (today - made).days
     got, allowed = f"a calibration from {made}, {age} days old on {today}", f"0 to {days} days"
@@ -415,7 +423,7 @@ def check_age(calibrated: LatencyRig | HeadphonesRig, today: date) -> None:
         got, allowed = f"{made}, the placeholder date of an uncalibrated rig file", "the date of a calibration"
     elif 0 <= age <= days:
         return
-    raise RigError(f"audio.{table}", f"got {got}", remedy, allowed=allowed)
+    raise RigError(table, f"got {got}", remedy, allowed=allowed)
 
 
 ABOVE_GATE_MM, BELOW_CONTACT_MM = 5.0, 1.0
@@ -624,6 +632,7 @@ class Rig(Confined):
     sites: tuple[SiteRig, ...] | None = Field(None, json_schema_extra={"since": 6})
 
     _folder: Path | None = PrivateAttr(None)
+    _site: str | None = PrivateAttr(None)
 
     @property
     def folder(self) -> Path | None:
@@ -646,7 +655,14 @@ class Rig(Confined):
             ports = {"actuator": own.channel, "loopback": own.loopback}
             changed = {"channels": audio.channels.model_copy(update=ports), "latency": own.latency or audio.latency}
             audio = audio.model_copy(update=changed)
-        return self.model_copy(update={"actuator": own.actuator, "audio": audio, "sites": None})
+        view = self.model_copy(update={"actuator": own.actuator, "audio": audio, "sites": None})
+        view._site = site
+        return view
+
+    @property
+    def site(self) -> str | None:
+        """The site of the body whose actuator `at` made the only one."""
+        return self._site
 
     @property
     def views(self) -> "dict[str | None, Rig]":

@@ -316,7 +316,7 @@ def calibrate_actuator(
 
     before = rigs.load(rig).at(site)
     calibration.check_accelerometer(before)
-    for file in (out, calibration.table_beside(out)):
+    for file in (out, calibration.table_beside(out, site)):
         if file.exists():
             raise RigError(file, "this file already exists", "name another", allowed="a new file")
     if panel is not None and not before.rig.simulated:

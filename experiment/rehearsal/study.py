@@ -291,7 +291,8 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     answering.check(protocol, rig)
     for task in protocol.tasks:
         rehearsal_kind(task).lacks_nothing(rig, protocol)
-    open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
+    for site, limit_m_s2 in protocol.limits_m_s2.items():
+        open_drive(rig_file.parent, rig.at(site).actuator, limit_m_s2=limit_m_s2)
     return rig
 
 

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import date
+from hashlib import sha256
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,7 +25,7 @@ from palpate.experiment.apparatus.doctor.devices import PEAK
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.dataset.verify import rig_files, verify
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, RecordingError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
@@ -187,6 +188,13 @@ def test_a_dataset_with_another_table_of_a_site_is_refused(tmp_path: Path) -> No
     assert [one.where for one in rig_files(sessions)] == [table]
     table.unlink()
     assert [one.where for one in rig_files(sessions)] == [table]
+    (tmp_path / "palm.csv").write_bytes(b"no table")
+    changed = path.read_text("utf-8").split("[[sites]]", 1)
+    changed[1] = changed[1].replace(shaping.response_sha256, sha256(b"no table").hexdigest())
+    path.write_text("[[sites]]".join(changed), "utf-8")
+    with pytest.raises(RecordingError):
+        rehearsed(tmp_path, path, sites.at_once(sites.sited(1)))
+    assert not (tmp_path / "out").exists()
 
 
 LOOPBACKS = {

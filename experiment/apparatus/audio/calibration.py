@@ -1,6 +1,5 @@
 """Latency and level of an audio device, measured through its loopback."""
 
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from datetime import date
@@ -189,19 +188,29 @@ def table_of(document: Any, site: str) -> Any:
     return found[0]
 
 
+def unremarked(item: Any, remark: str) -> None:
+    """Take a remark away that stands behind a table's head or a value of a rig file."""
+    if item.trivia.comment.startswith(remark):
+        item.trivia.comment_ws = item.trivia.comment = ""
+
+
 def rewritten(rig_text: str, values: dict[str, str], site: str | None = None) -> str:
     """Return a valid rig file with other values by key in [audio.latency], and without its remark NOT CALIBRATED.
 
     Those of a `site` are in its own table. Raises `RigError` if the table or a key is missing.
     """
-    document = tomlkit.parse(re.sub(" *# NOT CALIBRATED: `palpate calibrate audio`.*", "", rig_text))
+    document = tomlkit.parse(rig_text)
     own = document.get("audio", {}) if site is None else table_of(document, site)
     table = own.get("latency", {})
     missing = sorted(set(values) - set(table))
     if missing:
         raise RigError(
-            "audio.latency", f"got no {', '.join(missing)}", "paste the printed table", allowed="the whole table"
+            "audio.latency" if site is None else f"sites.latency of {site}",
+            f"got no {', '.join(missing)}",
+            "paste the printed table",
+            allowed="the whole table",
         )
+    unremarked(table, "# NOT CALIBRATED")
     for key, value in values.items():
         table[key] = tomlkit.value(value)
     return tomlkit.dumps(document)

@@ -161,7 +161,7 @@ def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
     if tracker is not None:
         found.append(age("tracker calibration", lambda: zeroing.check_age(rig, today), tracker))
     if audio is not None:
-        found.append(age(OF_LATENCY, lambda: rigs.check_age(audio.latency, today), audio.latency))
+        found.append(age(OF_LATENCY, lambda: rigs.check_age(audio.latency, today, rig.site), audio.latency))
         level = "; their level was not checked, because the computer cannot measure it"
         found.append(age("headphones", lambda: rigs.check_age(audio.headphones, today), audio.headphones, level))
     return tuple(found)

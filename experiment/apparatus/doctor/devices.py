@@ -10,7 +10,7 @@ from palpate.experiment.apparatus.audio import calibration as audio_calibration
 from palpate.experiment.apparatus.audio.stream import AudioStream, StreamHealth
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import CALIBRATE_AUDIO, AudioRig
+from palpate.experiment.apparatus.rig import CALIBRATE_AUDIO, AudioRig, at_site
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.clock_map import DRIFT_LIMIT_PPM, ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
@@ -291,7 +291,7 @@ def microphone(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
     )
 
 
-def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
+def loopback(stream: AudioStream, audio: AudioRig, site: str | None = None) -> tuple[Finding, ...]:
     """Return whether the running stream's loopback is on time, as loud and as clean as the rig's `delivered` asks.
 
     The actuator moves meanwhile, with up to `PEAK` on its channel.
@@ -303,6 +303,7 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
         found = audio_calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=PEAK, probes=PROBES)
     except AudioError as error:
         return (refused(LOOPBACK, error),)
+    command = at_site(CALIBRATE_AUDIO, site)
     anew = "plug in the cable and restore the levels, then run {}"
     to_ms = 1e3 / audio.rate_hz
     calibrated_ms = audio.latency.output_ms + audio.latency.input_ms
@@ -314,7 +315,7 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
             abs(round_trip_ms - calibrated_ms) <= tolerance.onset_ms and spread_ms <= tolerance.onset_ms,
             f"round trip {round_trip_ms:.3f} ms, range {spread_ms:.3f} ms in {found.probes} probes",
             allowed=f"within {tolerance.onset_ms:g} ms (delivered.onset_ms) of the calibrated {calibrated_ms:.3f} ms",
-            remedy=Remedy(f"restore audio.block and the device's buffer, {anew}", CALIBRATE_AUDIO, suffices=False),
+            remedy=Remedy(f"restore audio.block and the device's buffer, {anew}", command, suffices=False),
         ),
         judged(
             "loopback level",
@@ -322,7 +323,7 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
             f"gain {found.gain:.4g} ({off_db:+.2f} dB), range {found.spread_db:.2f} dB",
             allowed=f"within {tolerance.gain_db:g} dB (delivered.gain_db) of the calibrated "
             f"{audio.latency.loopback_gain:g}",
-            remedy=Remedy(anew, CALIBRATE_AUDIO, suffices=False),
+            remedy=Remedy(anew, command, suffices=False),
         ),
         judged(
             "loopback residual",

@@ -278,6 +278,6 @@ def _stream(
     try:
         yield from devices.steady(stream, settings, since=since, exact=rig.rig.simulated)
         yield from devices.microphone(stream, settings)
-        yield from _each(views, lambda own: devices.loopback(stream, opening.audio_of(own)))
+        yield from _each(views, lambda own: devices.loopback(stream, opening.audio_of(own), own.site))
     except AudioError as error:
         yield refused(name, error)

@@ -254,9 +254,10 @@ def check_accelerometer(rig: Rig) -> None:
         )
 
 
-def table_beside(out: Path) -> Path:
-    """Return where the response of a new rig file is written."""
-    return out.with_name(f"{out.stem}-panel.csv")
+def table_beside(out: Path, site: str | None) -> Path:
+    """Return where the response of a new rig file is written, at a site of the body if there are several."""
+    at = "" if site is None else f"-{re.sub(r'[^0-9A-Za-z]+', '-', site)}"
+    return out.with_name(f"{out.stem}{at}-panel.csv")
 
 
 def write(
@@ -276,7 +277,7 @@ def write(
         made.polarity.capitalize() + ".",
         f"The clocks differ by {found.drift_ppm:.2f} ppm. {made.seconds} s were evaluated at each level.",
     )
-    table, content = table_beside(out), measured.table(found, remarks)
+    table, content = table_beside(out, site), measured.table(found, remarks)
     dated = {} if settings.calibrated_on is None else {"accelerometer_calibrated_on": settings.calibrated_on}
     since_6 = {
         "output": rig.actuator.output,
@@ -321,12 +322,13 @@ def rewritten(rig_text: str, found: dict[str, Any], site: str | None = None) -> 
 
     With a `site` its actuator has them. Raises `RigError` if it has no table [actuator].
     """
-    document = tomlkit.parse(re.sub(" *# NOT MEASURED: `palpate calibrate actuator`.*", "", rig_text))
+    document = tomlkit.parse(rig_text)
     actuator = (document if site is None else probing.table_of(document, site)).get("actuator")
     if not isinstance(actuator, Table):
         raise RigError("actuator", "got no separate table", "write it as [actuator]", allowed="one")
     document["format"] = max(document.get("format", 1), 6 if SINCE_6 & found.keys() else 4)
     if "shaping" not in actuator:
+        probing.unremarked(actuator.item("full_scale_m_s2"), "# NOT MEASURED")
         for key in ("full_scale_m_s2", "low_hz", "high_hz"):
             actuator[key] = found[key]
     inner = tomlkit.table()

@@ -9,7 +9,7 @@ from datetime import date
 from pathlib import Path
 
 from palpate.experiment.apparatus.panel.response_table import is_simulated
-from palpate.experiment.apparatus.rig import Rig, response_table
+from palpate.experiment.apparatus.rig import Rig, at_site, response_table
 from palpate.experiment.errors import Finding, Remedy, RigError
 
 CALIBRATE = ("palpate", "calibrate", "actuator", "--rig", "RIG", "--out", "NEW-RIG")
@@ -39,11 +39,15 @@ def unmeasured_panel(rig_file: Path, rig: Rig, today: date) -> Finding | None:
 
     Raises `RigError` for a table of its response that is missing or is another.
     """
-    measured, remedy = rig.actuator.measured, Remedy("run {}", CALIBRATE)
+    at = "" if rig.site is None else f" at {rig.site}"
+    command = at_site(CALIBRATE, rig.site)
+    measured, remedy = rig.actuator.measured, Remedy("run {}", command)
     if rig.rig.simulated:
         return None
     if measured is None:
-        return Finding("its panel was never measured", rig_file, allowed="an [actuator.measured] table", remedy=remedy)
+        return Finding(
+            f"its panel{at} was never measured", rig_file, allowed="an [actuator.measured] table", remedy=remedy
+        )
     if is_simulated(response_table(rig_file.parent, measured)):
         what = f"{measured.response} is marked SIMULATED"
         return Finding(what, rig_file, allowed="a measured panel", remedy=remedy)
@@ -52,9 +56,9 @@ def unmeasured_panel(rig_file: Path, rig: Rig, today: date) -> Finding | None:
         days = min(days, UNHEARD_DAYS)
     if not 0 <= (today - made).days <= days:
         if made > today:
-            remedy = Remedy("check that the clock is right, or run {}", CALIBRATE, suffices=False)
+            remedy = Remedy("check that the clock is right, or run {}", command, suffices=False)
         allowed = f"0 to {days} days before {today}"
-        return Finding(f"its panel was measured on {made}", rig_file, allowed=allowed, remedy=remedy)
+        return Finding(f"its panel{at} was measured on {made}", rig_file, allowed=allowed, remedy=remedy)
     for key, stated, then in _scales(rig):
         if stated != then:
             allowed = f"{then:g}, the value when its panel was measured"

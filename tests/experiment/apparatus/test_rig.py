@@ -17,9 +17,12 @@ from hypothesis import strategies as st
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio import calibration as audio_calibration
+from palpate.experiment.apparatus.panel import calibration as panel_calibration
+from palpate.experiment.apparatus.panel import validity
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
-from palpate.experiment.errors import ActuatorError, RigError, TrackerError
+from palpate.experiment.errors import ActuatorError, Remedy, RigError, TrackerError
 from palpate.experiment.protocol import files as protocols
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Step
@@ -466,7 +469,53 @@ def test_a_study_limits_the_sites_that_its_stimuli_name(tmp_path: Path) -> None:
 def test_a_site_is_part_of_the_rig_that_a_session_records(tmp_path: Path) -> None:
     before = rigs.sha256(rigs.load(sounding(tmp_path)))
     assert rigs.sha256(rigs.load(sounding(tmp_path, ("full_scale_m_s2 = 40.0", "full_scale_m_s2 = 41.0")))) != before
-    assert rigs.sha256(rigs.load(sounding(tmp_path, ("", "")))) == before
+
+
+def test_the_address_of_a_sites_actuator_is_no_part_of_it(tmp_path: Path) -> None:
+    path = sounding(tmp_path)
+    text = path.read_text("utf-8").replace('driver = "audio"', 'driver = "pcm-tcp"\naddress = "127.0.0.1:4711"')
+    at = text.index("[[sites]]")
+    own = re.sub(r"(?s)channel = .*?(?=\[sites\.actuator\])", "", text[at:])
+    path.write_text(text[:at] + own, "utf-8")
+    before = rigs.sha256(rigs.load(path))
+    path.write_text(text[:at] + own.replace(":4711", ":4712", 1), "utf-8")
+    assert rigs.sha256(rigs.load(path)) == before
+
+
+def test_a_site_is_named_by_what_calibrates_it(tmp_path: Path) -> None:
+    rig = rigs.load(sounding(tmp_path))
+    palm = rig.at("palm")
+    assert palm.audio is not None
+    with pytest.raises(RigError) as raised:
+        rigs.check_age(palm.audio.latency, date(2027, 5, 4), palm.site)
+    assert "palm" in str(raised.value.finding.where)
+    assert isinstance(raised.value.finding.remedy, Remedy)
+    assert raised.value.finding.remedy.command[-2:] == ("--site", "palm")
+    real = palm.model_copy(update={"rig": rigs.Identity(name="none", simulated=False)})
+    found = validity.unmeasured_panel(tmp_path / "rig.toml", real, date(2026, 5, 4))
+    assert found is not None
+    assert isinstance(found.remedy, Remedy)
+    assert found.remedy.command[-2:] == ("--site", "palm")
+
+
+def test_the_remark_of_one_actuator_leaves_with_its_calibration_and_no_other(tmp_path: Path) -> None:
+    late, unmeasured = "  # NOT CALIBRATED: `palpate calibrate audio`", "  # NOT MEASURED: `palpate calibrate actuator`"
+    text = sounding(tmp_path).read_text("utf-8").replace(".latency]", f".latency]{late}")
+    text = re.sub(r"(?m)^(full_scale_m_s2 = \S+)", rf"\1{unmeasured}", text)
+    assert (text.count(late), text.count(unmeasured)) == (3, 2)
+    for site, head in (("palm", "loopback = 3\n\n[sites.latency]"), (None, "[audio.latency]")):
+        after = audio_calibration.rewritten(text, {"output_ms": "3.5"}, site)
+        assert f"{head}\noutput_ms = 3.5\n" in after
+        assert after.count(late) == 2
+    found = {"full_scale_m_s2": 49.7, "low_hz": 12.0, "high_hz": 600.0, "load": "nobody"}
+    after = panel_calibration.rewritten(text, found, "palm")
+    assert f"full_scale_m_s2 = 25.0{unmeasured}" in after
+    assert after.count(unmeasured) == 1
+
+
+def test_each_site_has_a_response_table_of_its_own() -> None:
+    names = {panel_calibration.table_beside(Path("rig.toml"), site).name for site in (None, "palm", "left wrist")}
+    assert names == {"rig-panel.csv", "rig-palm-panel.csv", "rig-left-wrist-panel.csv"}
 
 
 @pytest.mark.parametrize(

@@ -122,8 +122,8 @@ class Presentee(SimulatedPerson):
         rng, stimuli = self._own_rng(), rendered(self.protocol, self.rate_hz)
         site_of = self.protocol.table(Presented).site_of
         feelings = [feeling(stimuli[one.id].waveform_m_s2, self.rate_hz) for one in self.protocol.materials]
-        sites = (site_of[one.id] for one in self.protocol.materials)
-        self._observer = Observer([(_blurred(one, rng), site) for one, site in zip(feelings, sites, strict=True)])
+        places = (site_of[one.id] for one in self.protocol.materials)
+        self._observer = Observer([(_blurred(one, rng), site) for one, site in zip(feelings, places, strict=True)])
 
     def ask(self, question: Question | Arm) -> Reply:
         match question:

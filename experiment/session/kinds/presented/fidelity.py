@@ -192,7 +192,7 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
     for site, own in sites(protocol, rig).items():
         refuse_unmeasured(rig_file, own, today)
         if site is not None and own.audio is not None and not rig.rig.simulated:
-            check_age(own.audio.latency, today)
+            check_age(own.audio.latency, today, site)
     every = on_rig(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     if (refused := next(refusals(protocol, rig, every), None)) is not None:
         raise RigError.at(refused)
