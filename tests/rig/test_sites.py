@@ -66,7 +66,7 @@ def presented(dataset: Path) -> list[Presentation]:
     return [entry for entry in journal.read(path).entries if isinstance(entry, Presentation)]
 
 
-def test_a_rehearsal_on_the_shipped_rig_has_every_site_that_the_study_names(tmp_path: Path) -> None:
+def test_a_rehearsal_on_the_shipped_rig_has_every_site_that_the_study_names(tmp_path: Path, palpate: Palpate) -> None:
     out = rehearsed(tmp_path, None, sites.sited())
     assert verify(out).refused == 0
     found = rows(out)
@@ -78,6 +78,10 @@ def test_a_rehearsal_on_the_shipped_rig_has_every_site_that_the_study_names(tmp_
     sidecar = json.loads(next(out.glob("sub-01/beh/*_events.json")).read_text("utf-8"))
     assert sidecar["Sites"].keys() == {"palm", "wrist"}
     assert "site" in sidecar
+    assert palpate("export", out, "--out", tmp_path / "tables")[0] == 0
+    with (tmp_path / "tables" / "trials.csv").open(encoding="utf-8") as file:
+        exported = [(row["presented"], row["presented_site"]) for row in csv.DictReader(file)]
+    assert exported == [(row["presented"], row["site"]) for row in found]
 
 
 def test_a_session_behind_a_sound_card_plays_and_hears_each_site_on_its_channels(tmp_path: Path) -> None:
