@@ -124,7 +124,6 @@ def test_what_does_not_vary_and_a_reconstruction_have_no_equivalence(study: Stud
 
 @pytest.mark.parametrize(("right", "lines"), [((8, 9), 1), ((9, 10), 0), ((1, 0), 0)])
 def test_tasks_near_0_or_1_are_not_tested_for_equivalence(right: tuple[int, int], lines: int) -> None:
-    """In the table of planned tests up to 15 % of such studies err."""
     counts = np.array([[[hits + k % 2 * (1 if hits < 9 else -1) for k in range(6)]] for hits in right])
     try:
         found = [equivalent_gaps(counts, np.full_like(counts, 10))]

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import permutation_test, ttest_ind
 
 from palpate.analysis.identification.companion_tests import LINKED, slopes_logit
 from palpate.analysis.identification.confusion import Confusion
 from palpate.analysis.identification.planned import TESTS, Planned, planned_tests
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Part, Study
+from palpate.analysis.statistics.exact import Floats
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.asked import Asked, Fact
 from palpate.experiment.protocol.designs.identification import DESIGN
@@ -115,19 +116,53 @@ def test_the_order_of_tasks_is_that_of_who_began_with_which(study: Study) -> Non
     assert "got 10 and 0" in nobody.statements["one and two"]
 
 
-def test_groups_are_those_of_a_fact_about_people(study: Study) -> None:
-    """Groups of 5 and 7 in R, by combn and Welch's t; nobody tells that they are of the third."""
-    chosen = {str(k): "patient" if k in (0, 2, 4, 6, 8) else "control" for k in range(12)}
-    sizes = Counter(chosen.values())
+def _groups(study: Study, patients: tuple[int, ...]) -> Planned:
+    """Return the differences of five patients and seven controls; the third choice is nobody's."""
+    chosen = {str(k): "patient" if k in patients else "control" for k in range(12)}
     fact = {"id": "diagnosis", "question": "?", "answer": "choice", "reason": "-"}
     asked = Asked(people=(Fact.model_validate({**fact, "values": ("patient", "control", "sibling")}),))
     told = replace(study, facts={(who, "diagnosis"): group for who, group in chosen.items()})
-    found = _planned(told, asked=asked, test="difference of groups", groups="diagnosis", correction="tasks")
-    assert [(line.tasks, line.subject) for line in found.lines] == [((task,), " less ".join(sizes)) for task in BOTH]
+    return _planned(told, asked=asked, test="difference of groups", groups="diagnosis", correction="tasks")
+
+
+def _ways(patients: tuple[int, ...]) -> list[float]:
+    """Return P of Welch's t in all ways to choose so many patients, by SciPy's `permutation_test`, of each task."""
+
+    def welch(one: Floats, other: Floats, axis: int) -> Floats:
+        return np.asarray(abs(ttest_ind(one, other, axis=axis, equal_var=False).statistic))
+
+    found = []
+    for matrix in _tasks().values():
+        shares = (matrix.counts[:, range(3), range(3)] / matrix.trials).mean(axis=1)
+        pair = shares[list(patients)], np.delete(shares, patients)
+        found.append(float(permutation_test(pair, welch, n_resamples=np.inf, alternative="greater").pvalue))
+    return found
+
+
+def test_groups_are_those_of_a_fact_about_people(study: Study) -> None:
+    """The five vary less than the seven, so that P counts all ways, for which SciPy's has R's numbers (combn)."""
+    assert _ways((0, 2, 4, 6, 8)) == pytest.approx([0.529040404040404, 0.914141414141414], abs=1e-12)
+    found = _groups(study, (1, 3, 5, 7, 9))
+    assert [(line.tasks, line.subject) for line in found.lines] == [((task,), "patient less control") for task in BOTH]
+    assert not any(line.loose for line in found.lines)
+    assert [line.p for line in found.lines] == pytest.approx(_ways((1, 3, 5, 7, 9)), abs=1e-12)
+    assert [line.p_holm for line in found.lines] == [1.0] * 2
+
+
+def test_a_smaller_group_that_varies_more_has_p_of_its_own_df(study: Study) -> None:
+    """Groups of 5 and 7; on 4 df the two-sided P of t is 1 - 1.5 s + 0.5 s^3 with s = t / sqrt(t^2 + 4)."""
+    found = _groups(study, (0, 2, 4, 6, 8))
+    assert [(line.tasks, line.subject) for line in found.lines] == [((task,), "patient less control") for task in BOTH]
     assert [line.value for line in found.lines] == pytest.approx([0.104021164021164, -0.00994708994708993], abs=1e-12)
-    # The five vary more than the seven, so that P is that of their own df, above R's of all ways.
     assert all(line.loose for line in found.lines)
-    assert np.all(np.array([line.p for line in found.lines]) > (0.529040404040404, 0.914141414141414))
+    wanted = []
+    for matrix in _tasks().values():
+        shares = (matrix.counts[:, range(3), range(3)] / matrix.trials).mean(axis=1)
+        one, other = shares[:10:2], np.delete(shares, range(0, 10, 2))
+        t = abs(one.mean() - other.mean()) / (one.var(ddof=1) / 5 + other.var(ddof=1) / 7) ** 0.5
+        s = t / (t * t + 4) ** 0.5
+        wanted.append(1 - 1.5 * s + 0.5 * s**3)
+    assert [line.p for line in found.lines] == pytest.approx(wanted, abs=1e-12)
     assert [line.p_holm for line in found.lines] == [1.0] * 2
     assert len(found.statements) == 4
 
