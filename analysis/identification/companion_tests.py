@@ -21,13 +21,14 @@ from palpate.analysis.statistics import mixed_logit
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Statements
 from palpate.analysis.statistics.inference import CONFIDENCE, EffectSize, TTest, cohens_d, holm, t_against_chance
 from palpate.analysis.statistics.participants import Equivalence, Repeated, equivalence, repeated
-from palpate.analysis.statistics.shares import EDGE, Limits, difference_limits
+from palpate.analysis.statistics.shares import EDGE, Limits, difference_limits, near_edges
 from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 
 LEAST = 6
 """The fewest participants of a logit in which they differ by material and task."""
 
 LINKED = "a reconstruction pairs rows across tasks and materials arbitrarily"
+COMPARISON = "comparison of {} with {}"
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def run_companions(study: Study, tasks: Mapping[str, Confusion], rng: np.random.
     if len(tasks) > 1:
         both = said.compute("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
         for first, second in combinations(tasks, 2):
-            one = said.compute(f"comparison of {first} with {second}", partial(_paired, first, second, tasks, rng))
+            one = said.compute(COMPARISON.format(first, second), partial(_paired, first, second, tasks, rng))
             paired += [one] if one else []
     logit = said.compute("logit with participants who vary by material and task", partial(slopes_logit, tasks))
     return Beside(materials, both or (), tuple(paired), logit, said)
@@ -389,12 +390,9 @@ def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
 
 
 def equivalent_gaps(right: Integers, trials: Integers) -> Floats:
-    """Return how much more often each participant is right in the first task, from counts (tasks, materials, people).
-
-    Raises `NotDefined` near 0 and 1, where skewed differences are shown to be equivalent too often.
-    """
+    """Return how much each is better in the first task, of counts (tasks, materials, people). Raises `NotDefined`."""
     shares = (right / trials).mean(axis=1)
-    if not all(EDGE <= mean <= 1 - EDGE for mean in shares.mean(axis=1)):
+    if near_edges(shares):
         raise NotDefined(f"a proportion is below {EDGE:g} or above {1 - EDGE:g}, where this test errs too often")
     return np.asarray(shares[0] - shares[1])
 

@@ -24,6 +24,7 @@ from palpate.analysis.statistics.groups import difference_tests
 from palpate.analysis.statistics.icc import NAMES, icc_tests
 from palpate.analysis.statistics.inference import holm, t_tests
 from palpate.analysis.statistics.participants import equivalence_tests, order_tests, repeated_tests
+from palpate.analysis.statistics.shares import near_edges
 from palpate.analysis.statistics.sign_flips import sign_flip_tests
 from palpate.experiment.errors import PowerError
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
@@ -348,6 +349,13 @@ def _task_gaps(
     return one - other, len(places) * common
 
 
+def _task_shares(test: PlannedTest, planned: Design, drawn: Mapping[str, Integers], pair: tuple[str, str]) -> Floats:
+    """Return the shares of right answers of participants who did both tasks, shape (2, studies, participants)."""
+    places = planned.chosen(test, *pair)
+    people = min(drawn[task].shape[-1] for task in pair)
+    return np.stack([drawn[task][places, places, :, :people].mean(axis=0) / planned.trials(task) for task in pair])
+
+
 def _between_materials(
     number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
 ) -> Iterator[tuple[Question, Answer]]:
@@ -400,12 +408,13 @@ def _repeated_measures(
 def equivalent(
     number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
 ) -> Iterator[tuple[Question, Answer]]:
-    """Yield the pairs of tasks, or those of materials in one task, each within the margin."""
+    """Yield the pairs of tasks, but for those near 0 or 1, or of materials in one task, each within the margin."""
     found: list[tuple[tuple[str, ...], str, Floats, None]] = []
     margin = test.margin or MARGIN
     for pair in combinations(test.tasks, 2):
-        gaps, most = _task_gaps(test, planned, drawn, pair)
-        found.append((pair, " and ".join(pair), _equal(gaps / most, margin), None))
+        shares = _task_shares(test, planned, drawn, pair)
+        p = np.where(near_edges(shares), np.nan, _equal(shares[0] - shares[1], margin))
+        found.append((pair, " and ".join(pair), p, None))
     for task in test.tasks if len(test.tasks) == 1 else ():
         ratios = drawn[task] / planned.trials(task)
         for a, b in combinations(planned.chosen(test, task), 2):

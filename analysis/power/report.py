@@ -15,6 +15,7 @@ from palpate.analysis.documents.drawing import COLUMN_STYLE, LINES, Sheet, colou
 from palpate.analysis.documents.output import publish
 from palpate.analysis.documents.tables import Column, Record, Section, Table, number, tabulate
 from palpate.analysis.documents.tables import text as in_terminal
+from palpate.analysis.identification.planned import EQUIVALENCE
 from palpate.analysis.power.planned_tests import ABOUT, ADJUSTED, Question
 from palpate.analysis.power.simulate import Kind, Power, Row, software
 
@@ -242,7 +243,9 @@ def _undefined(result: Power) -> Section:
 def _reason(result: Power, row: Row) -> str:
     sizes = zip(result.design.tasks, result.design.sizes(row.participants), strict=True)
     alone = all(size < 2 for task, size in sizes if task.id in row.question.tasks)
-    return "one participant" if alone else result.model.undefined
+    if alone or row.question.test != EQUIVALENCE or len(row.question.tasks) < 2:
+        return "one participant" if alone else result.model.undefined
+    return f"{result.model.undefined}, or tasks near 0 or 1"
 
 
 def _record(row: Row) -> Mapping[str, object]:

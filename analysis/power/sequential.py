@@ -22,7 +22,7 @@ from palpate.analysis.documents.tables import Column, Record, Section, tabulate
 from palpate.analysis.documents.tables import text as in_terminal
 from palpate.analysis.power import simulate
 from palpate.analysis.power.choice_models import ChoiceModel
-from palpate.analysis.power.planned_tests import FLIPS, Design, Model
+from palpate.analysis.power.planned_tests import ABOUT, FLIPS, Design, Model
 from palpate.analysis.statistics.exact import Floats, Integers
 from palpate.analysis.statistics.inference import log_bayes_factor, wilson
 from palpate.analysis.statistics.sign_flips import sign_flip_tests
@@ -146,9 +146,7 @@ def run(
     if rule not in get_args(Rule):
         raise PowerError("--rule", f"got {rule}", "give one", allowed=", ".join(get_args(Rule)))
     chosen = cast("Rule", rule)
-    alike = ALIKE if alike is None else alike
-    if not 0 <= alike <= 1:
-        raise PowerError("--alike", f"got {alike}", "give one", allowed="a number from 0 to 1")
+    alike = model.together(ALIKE if alike is None else alike).alike
     simulate.check_studies(studies)
     if len(looks) < 2 or list(looks) != sorted(set(looks)) or not 3 <= looks[0] <= looks[-1] <= MOST:
         got, allowed = ", ".join(map(str, looks)), f"two or more increasing numbers of participants, from 3 to {MOST}"
@@ -282,9 +280,8 @@ def section(result: Sequential) -> Section:
     paragraphs = (
         f"{result.studies} SIMULATED studies of {result.study} have looks at {looks} participants, all of whom do "
         f"every task; {how}.{levels} Seed {result.seed}. Source of the answers: {result.source}.",
-        f"A proportion of {result.alike:g} of the variance between participants is common to all tasks and "
-        "materials. In the control studies, participants differ as much but answer at chance level, so any findings "
-        "are type I errors. Each question stops independently.",
+        f"{ABOUT['together'].substitute(alike=f'{result.alike:g}')} In the control studies, participants differ as "
+        "much but answer at chance level, so any findings are type I errors. Each question stops independently.",
     )
     found_at, none_at = (tuple(f"{what}_at_{look}" for look in result.looks) for what in ("found", "none"))
     records: list[Record] = []

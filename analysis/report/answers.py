@@ -21,6 +21,7 @@ from palpate.analysis.documents.tables import (
     probability,
     tabulate,
 )
+from palpate.analysis.identification.companion_tests import COMPARISON
 from palpate.analysis.report.plan import (
     ICC,
     ONE_WAY,
@@ -383,5 +384,7 @@ def _tasks_differ(results: Results, question: str, mark: str, level: float) -> A
     ]
     differ = "differ" if effect.p < level else "are not shown to differ"
     said = f"Mean ratios ({joined(means)}) {differ} (two-way ANOVA, {_effect(results.two_way[1], effect)})."
-    why = next(iter(results.beside.statements.values()), "nobody did both tasks")
+    missing = results.beside.statements
+    compared = COMPARISON.format(*(task.task.id for task in results.tasks))
+    why = missing.get(compared) or next(iter(missing.values()), "nobody did both tasks")
     return Asked(question, said, f"{mark} test", (TWO_WAY_ERRS.format(why),))

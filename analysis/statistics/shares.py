@@ -259,6 +259,11 @@ def difference_limits(right: Integers, trials: Integers, gaps: Floats) -> Limits
     return squared_limits(gap, (float(means[0]), float(means[1])), (one, other), linked)
 
 
+def near_edges(shares: Floats) -> NDArray[np.bool_]:
+    """Return where a mean over people, of shares (tasks, ..., people), is so near 0 or 1 that gaps are skewed."""
+    return np.asarray((abs(shares.mean(axis=-1) - 0.5) > 0.5 - EDGE + 1e-9).any(axis=0))
+
+
 def squared_limits(
     gap: float, means: tuple[float, float], both: tuple[tuple[float, float], tuple[float, float]], linked: float
 ) -> Limits:

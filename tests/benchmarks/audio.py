@@ -93,7 +93,6 @@ def rtmixer(starts: int) -> None:
 PTB = f"""
 import ctypes, json, sys, time
 import numpy as np
-from numpy.typing import NDArray
 # Its wheels carry a libjack of their own, which servers of other versions do not understand: the system's comes first.
 ctypes.CDLL("libjack.so.0", ctypes.RTLD_GLOBAL)
 from psychtoolbox import PsychPortAudio as ppa, GetSecs

@@ -38,8 +38,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> WorkingFolder:
     """The folder, with the rehearsal of a study of each kind in it, that of taps with a fourth of its trials."""
     made = WorkingFolder(tmp_path_factory.mktemp("lab"))
     taps = shipped("wellman1995.toml").read_text("utf-8")
-    shortened = taps.replace("repetitions = 8 ", "repetitions = 2 ").replace("limit = 108", "limit = 27")
-    (made.path / "taps.toml").write_text(shortened, "utf-8")
+    for whole, fourth in (("repetitions = 8 ", "repetitions = 2 "), ("limit = 108", "limit = 27")):
+        assert whole in taps
+        taps = taps.replace(whole, fourth)
+    (made.path / "taps.toml").write_text(taps, "utf-8")
     for study, out in (("okamoto2012", "footstep"), ("taps.toml", "tapping")):
         done = made.run("palpate", "rehearse", study, "--participants", 1, "--seed", 1, "--jobs", 2, "--out", out)
         assert (done.returncode, made.imported) == (0, []), done.stderr

@@ -268,6 +268,24 @@ def test_planned_tests_over_participants_are_those_of_analyse(protocol: Protocol
     assert len(planned_tests.otherwise(design, range(len(design.tests)))) == 2
 
 
+@pytest.mark.parametrize(("right", "defined"), [((8, 9), True), ((9, 10), False), ((1, 0), False)])
+def test_tasks_near_0_or_1_have_no_equivalence_as_in_analyse(
+    protocol: Protocol, right: tuple[int, int], defined: bool
+) -> None:
+    tasks = [task.model_copy(update={"materials": None, "repetitions": 10}) for task in protocol.tasks]
+    plan = PlannedTest(test="equivalence", tasks=("virtual", "real"), margin=0.1, question="?")
+    design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,), "tasks": tuple(tasks)}), {})
+    count = len(design.materials)
+    drawn = {}
+    for task, hits in zip(design.tasks, right, strict=True):
+        of = np.zeros((count, count, 1, 6), dtype=np.int64)
+        of[range(count), range(count)] = [hits + k % 2 * (1 if hits < 9 else -1) for k in range(6)]
+        drawn[task.id] = of
+    (found,) = planned_tests.answer(design, drawn).values()
+    assert found.p is not None
+    assert np.isfinite(found.p).tolist() == [defined]
+
+
 def test_groups_of_three_are_not_simulated_as_two(protocol: Protocol) -> None:
     test = {"test": "difference of groups", "tasks": ("virtual",), "question": "?", "groups": "hand"}
     asked = {"id": "hand", "question": "?", "answer": "choice", "values": ("left", "right", "both"), "reason": "None."}

@@ -84,7 +84,7 @@ def moved(path: Trajectory, device: Device) -> Trajectory:
     us = np.arange(int(path.duration_us * tracker.rate_hz / 1e6) + 1, dtype=np.float64) * (1e6 / tracker.rate_hz)
     noise_mm = np.random.default_rng(path.noise_seed).normal(0.0, tracker.noise_mm or 0.0, (tracker.readings, us.size))
     true = np.column_stack([path.at(us), path.along_at(us)])
-    read, noise, again = _read(tracker, true, noise_mm).tolist(), noise_mm.T.tolist(), _one_read(tracker)
+    read, noise, again = read_all(tracker, true, noise_mm).tolist(), noise_mm.T.tolist(), one_read(tracker)
     (a, b, g), (d, e, f) = device.steps
     # Off what is meant, mm, and how fast that grows, mm/s, out of the block and along it.
     out = along = out_s = along_s = 0.0
@@ -105,7 +105,7 @@ def moved(path: Trajectory, device: Device) -> Trajectory:
     return replace(path, us=np.append(us, path.duration_us), height_mm=height_mm, along_mm=along_mm)
 
 
-def _read(tracker: TrackerRig, true_mm: Floats, noise_mm: Floats) -> Floats:
+def read_all(tracker: TrackerRig, true_mm: Floats, noise_mm: Floats) -> Floats:
     """Return what a sensor makes of places, mm, shape (n, 2); along the face 0 unless it is planar."""
     heights = tracker.height_mm(tracker.counts(true_mm[:, 0] + noise_mm[0]))
     along = None
@@ -114,8 +114,8 @@ def _read(tracker: TrackerRig, true_mm: Floats, noise_mm: Floats) -> Floats:
     return np.column_stack([heights, np.zeros(heights.size) if along is None else along])
 
 
-def _one_read(tracker: TrackerRig) -> Callable[[Pair, Sequence[float]], Pair]:
-    """Return what makes of one place and its noise what `_read` makes of many, at a tenth of its cost."""
+def one_read(tracker: TrackerRig) -> Callable[[Pair, Sequence[float]], Pair]:
+    """Return what makes of one place and its noise what `read_all` makes of many, at a tenth of its cost."""
     heights = _reader(tracker.calibration)
     if tracker.along_calibration is None:
         return lambda true_mm, noise_mm: (heights(true_mm[0] + noise_mm[0]), 0.0)

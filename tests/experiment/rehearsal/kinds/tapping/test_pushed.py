@@ -62,8 +62,8 @@ def test_one_place_is_read_as_many_are(planar: bool) -> None:
     rng = np.random.default_rng(1)
     places, noise = rng.uniform(-60.0, 60.0, (2000, 2)), rng.normal(0.0, 0.1, (tracker.readings, 2000))
     places[:3, 0], noise[:, :3] = (31.0, 7.3, -2.1), 0.0
-    wanted = pushed._read(tracker, places, noise)
-    read = pushed._one_read(tracker)
+    wanted = pushed.read_all(tracker, places, noise)
+    read = pushed.one_read(tracker)
     assert [read(place, each) for place, each in zip(places.tolist(), noise.T.tolist(), strict=True)] == list(
         map(tuple, wanted.tolist())
     )
