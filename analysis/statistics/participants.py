@@ -138,8 +138,7 @@ def equivalence(values: Floats, margin: float, alpha: float = 0.05) -> Equivalen
 
     Raises `NotDefined`: with fewer than two participants, or where all have the same value.
     """
-    people = values.size
-    if people < 2:
+    if (people := values.size) < 2:
         raise NotDefined(f"it needs two participants, got {people}")
     mean, sd = float(values.mean()), float(values.std(ddof=1))
     if sd <= 1e-12 * max(1.0, abs(mean)):
@@ -250,8 +249,7 @@ def jackknife(observed: float, left_out: Floats) -> Jackknife:
 
     Raises `NotDefined`: with fewer than two participants, or where leaving out any of them changes nothing.
     """
-    people = left_out.size
-    if people < 2:
+    if (people := left_out.size) < 2:
         raise NotDefined(f"a jackknife needs 2 participants, got {people}")
     error = math.sqrt((people - 1) * float(left_out.var()))
     if error <= 1e-12 * max(1.0, abs(observed)):

@@ -63,8 +63,7 @@ def first_limits(right: Integers, trials: Integers, chance: float) -> Limits:
     right, trials = right[trials > 0], trials[trials > 0]
     if right.size == 1:
         exact = clopper_pearson(int(right[0]), int(trials[0]))
-        low, high = exact.low if right[0] else None, exact.high if right[0] < trials[0] else None
-        return Limits(low, high, over="trials")
+        return Limits(exact.low if right[0] else None, exact.high if right[0] < trials[0] else None, over="trials")
     if right.size and may_guess(right, trials, chance):
         return population_limits(right, trials)
     return share_limits(right, trials)
@@ -126,8 +125,7 @@ def share_limits(right: Integers, trials: Integers) -> Limits:
     Those without a trial do not count. Raises `NotDefined` below two participants.
     """
     right, trials = right[trials > 0], trials[trials > 0]
-    people = right.size
-    if people < 2:
+    if (people := right.size) < 2:
         raise NotDefined(f"an interval across participants needs two, got {people}")
     low, high = modelled(right, trials)
     shares = right / trials
@@ -235,8 +233,7 @@ def difference_limits(right: Integers, trials: Integers, gaps: Floats) -> Limits
     allow; else the distances to the limits of both shares are squared and added, less what goes together. Raises
     `NotDefined` below two participants.
     """
-    people = gaps.size
-    if people < 2:
+    if (people := gaps.size) < 2:
         raise NotDefined(f"an interval across participants needs two, got {people}")
     shares: Floats = right / trials
     means: Floats = shares.mean(axis=1)
@@ -252,9 +249,8 @@ def difference_limits(right: Integers, trials: Integers, gaps: Floats) -> Limits
     linked = 0.0
     if spreads.min() > 0:
         observed = float((shares[0] * shares[1]).mean() - means.prod()) / float(spreads.prod())
-        linked = max(
-            0.0, math.tanh(math.atanh(min(max(observed, -LINKED), LINKED)) - 1 / math.sqrt(max(people - 3, 0.5)))
-        )
+        z = math.atanh(min(max(observed, -LINKED), LINKED))
+        linked = max(0.0, math.tanh(z - 1 / math.sqrt(max(people - 3, 0.5))))
     (one, other) = (modelled(*counts) for counts in zip(right, trials, strict=True))
     return squared_limits(gap, (float(means[0]), float(means[1])), (one, other), linked)
 
