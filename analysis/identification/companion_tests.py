@@ -392,7 +392,7 @@ def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
 def equivalent_gaps(right: Integers, trials: Integers) -> Floats:
     """Return how much each is better in the first task, of counts (tasks, materials, people). Raises `NotDefined`."""
     shares = (right / trials).mean(axis=1)
-    if near_edges(shares):
+    if shares.size and near_edges(shares):
         raise NotDefined(f"a proportion is below {EDGE:g} or above {1 - EDGE:g}, where this test errs too often")
     return np.asarray(shares[0] - shares[1])
 

@@ -21,7 +21,6 @@ from palpate.analysis.documents.tables import (
     probability,
     tabulate,
 )
-from palpate.analysis.identification.companion_tests import COMPARISON
 from palpate.analysis.report.plan import (
     ICC,
     ONE_WAY,
@@ -377,6 +376,8 @@ def _tasks_differ(results: Results, question: str, mark: str, level: float) -> A
         return Asked(question, " ".join(paired), f"{mark}; companion test", (weak,))
     if not results.two_way or (effect := results.two_way[1].effects[0]).f is None or effect.p is None:
         return Asked(question, f"No test is defined: {results.two_way_statement or 'F is not defined'}.", mark)
+    from palpate.analysis.identification.companion_tests import COMPARISON
+
     means = [
         f"{task.task.id} {sum(test.result.mean or 0.0 for test in task.tests) / len(task.tests):.2f}, "
         f"n = {len(task.confusion.participants)}"
@@ -384,7 +385,6 @@ def _tasks_differ(results: Results, question: str, mark: str, level: float) -> A
     ]
     differ = "differ" if effect.p < level else "are not shown to differ"
     said = f"Mean ratios ({joined(means)}) {differ} (two-way ANOVA, {_effect(results.two_way[1], effect)})."
-    missing = results.beside.statements
-    compared = COMPARISON.format(*(task.task.id for task in results.tasks))
+    missing, compared = results.beside.statements, COMPARISON.format(*(task.task.id for task in results.tasks))
     why = missing.get(compared) or next(iter(missing.values()), "nobody did both tasks")
     return Asked(question, said, f"{mark} test", (TWO_WAY_ERRS.format(why),))

@@ -38,7 +38,7 @@ def test_a_signed_anchor_counts_for_the_key_that_signed_it_alone(
     code, out, _ = palpate("verify", dataset, "--register", to, "--signer", f"{key}.pub")
     assert code == 0
     assert f"write to {to}, " in out
-    assert f" {key}.pub too" in out
+    assert f"private key of {key}.pub" in out
     code, out, err = palpate("verify", dataset, "--register", to, "--signer", f"{other}.pub")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert anywhere(err, tmp_path) == approved

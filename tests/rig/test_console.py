@@ -86,7 +86,7 @@ def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Ter
     terminal.until(lambda text: "GONE" in text and "Every confirmed" in text)
     terminal.press("Enter")
     terminal.answer()
-    for asked_for in ("report", "handed"):
+    for asked_for in ("report", "What was paid"):
         terminal.until(re.compile(f"{asked_for}(.|\\n)*type the answer").search)
         terminal.press("Enter")
         terminal.until(lambda text: "Leave it blank" in text)

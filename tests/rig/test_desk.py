@@ -71,7 +71,7 @@ STEPS: dict[str, Callable[[View], bool]] = {
     "break": at_question("break"),
     "second task": lambda view: view.step == TASKS[1] and at_question("familiarise")(view),
     "report": at_question("write", "report"),
-    "payment": at_question("write", "handed"),
+    "payment": at_question("write", "paid"),
     "debrief": at_question("debrief"),
 }
 """Every step of a visit, in the order in which they are first met."""
