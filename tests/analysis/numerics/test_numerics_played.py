@@ -99,7 +99,7 @@ def test_voltages_that_err_are_noticed(
     monkeypatch: pytest.MonkeyPatch, by: Callable[[NDArray[np.float64]], NDArray[np.float64]], told: str
 ) -> None:
     monkeypatch.setattr(Drive, "__call__", broken(by))
-    [case] = [case for case in CASES if case.given == "levels passed by most bins"]
+    [case] = [case for case in CASES if case.given == "levels exceeded by most bins"]
     settled = settle(case)
     assert not settled.holds
     assert settled.seen.endswith(told)
