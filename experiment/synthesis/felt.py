@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.synthesis.noticing import SOLE, noticed, third_octave_energies
+from palpate.experiment.synthesis.spectra import finite
 
 LEAST_SHARE = 1e-3
 """A third octave with less of the energy than this does not count."""
@@ -59,6 +60,7 @@ def felt_between(
     drift_db: float,
 ) -> Felt:
     """Return the same of the first of two movements, with intervals for every coil between theirs and for drift."""
+    finite([drift_db], what="drift_db")
     linear, soft = (_errors_db(asked_m_s2, one, rate_hz) for one in (linear_m_s2, soft_m_s2))
     thirds, envelope = (_interval(one, other, drift_db) for one, other in zip(linear, soft, strict=True))
     return replace(

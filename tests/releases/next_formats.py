@@ -128,9 +128,9 @@ EDITS = (
     Edit(_RIG, "format: Literal[1, 2, 3, 4, 5, 6]", "format: Literal[1, 2, 3, 4, 5, 6, 7]"),
     Edit(
         _RIG,
-        "    _folder: Path | None = PrivateAttr(None)\n\n    @property\n",
+        "    _folder: Path | None = PrivateAttr(None)\n    _site: str | None = PrivateAttr(None)\n\n    @property\n",
         "    room: str | None = Field(None, json_schema_extra={'since': 7})\n"
-        "    _folder: Path | None = PrivateAttr(None)\n\n"
+        "    _folder: Path | None = PrivateAttr(None)\n    _site: str | None = PrivateAttr(None)\n\n"
         "    @classmethod\n"
         "    def renewed(cls, document: Any) -> Any:\n"
         '        sensor = document.get("accelerometer")\n'

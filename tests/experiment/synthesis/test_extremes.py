@@ -22,7 +22,7 @@ from palpate.analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
 from palpate.experiment import synthesis
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.session.kinds.footstep import sampling
-from palpate.experiment.synthesis import budget, crinkle, noticing, shaping, spectra, voltages, waveforms
+from palpate.experiment.synthesis import budget, crinkle, felt, noticing, shaping, spectra, voltages, waveforms
 from palpate.experiment.synthesis.signals import dissimilarity, noise, weighting
 from tests.approved import Refuses
 from tests.experiment.synthesis.measured import accelerations
@@ -245,10 +245,27 @@ def _of_noticing() -> list[tuple[str, Call, dict[str, float]]]:
     ]
 
 
+def _of_felt() -> list[tuple[str, Call, dict[str, float]]]:
+    rest = np.ones(18)
+    between = partial(felt.felt_between, rate_hz=1000, drift_db=1.0)
+    return [
+        ("felt: asked_m_s2", lambda x: felt.felt(changed(rest, x), rest, rate_hz=1000), EITHER),
+        ("felt: moved_m_s2", lambda x: felt.felt(rest, changed(rest, x), rate_hz=1000), EITHER),
+        ("felt_between: asked_m_s2", lambda x: between(changed(rest, x), rest, rest), EITHER),
+        ("felt_between: linear_m_s2", lambda x: between(rest, changed(rest, x), rest), EITHER),
+        ("felt_between: soft_m_s2", lambda x: between(rest, rest, changed(rest, x)), EITHER),
+        (
+            "felt_between: drift_db",
+            lambda x: felt.felt_between(rest, rest, rest, rate_hz=1000, drift_db=x),
+            EITHER,
+        ),
+    ]
+
+
 OF_TAPS = ("contact", "oscillator", "tap")
 """Modules whose own tests, such as test_contact.py, try what is not finite."""
 
-INPUTS = [*_of_spectra(), *_of_crinkle(), *_of_shaping(), *_of_noise(), *_of_budget(), *_of_noticing()]
+INPUTS = [*_of_spectra(), *_of_crinkle(), *_of_shaping(), *_of_noise(), *_of_budget(), *_of_noticing(), *_of_felt()]
 """Every number that a public function takes: its name, what calls it so, values to refuse."""
 
 NUMBERS = ("float", "ArrayLike", "NDArray[np.float64]", "tuple[float, float]")

@@ -44,7 +44,7 @@ def test_a_crossover_asks_for_less_damping_the_lower_it_is(hz: float, delay: flo
 
 def test_the_paper_is_judged() -> None:
     told = sampled.of_the_paper()
-    assert "100.5 N s/m of its own" in told
+    assert "100.5 N s/m of damping" in told
     assert "0.5 N s/m" in told
     assert "17.5 N" in told
 
