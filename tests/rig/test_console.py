@@ -91,7 +91,7 @@ def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Ter
         terminal.press("Enter")
         terminal.until(lambda text: "Leave it blank" in text)
         terminal.press("Enter")
-    terminal.until(lambda text: "DEBRIEF" in text and "Add any remaining notes" in text)
+    terminal.until(lambda text: "DEBRIEF" in text and "Add any remaining" in text)
     terminal.press("Enter")
     terminal.until(lambda text: "ENDED" in text and f"The session is complete: {TRIALS} answers." in text)
     terminal.press("Enter")
