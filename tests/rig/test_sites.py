@@ -38,6 +38,8 @@ from tests.conftest import Palpate
 from tests.experiment.synthesis.stimuli import given
 from tests.rig import sites, sound
 
+pytestmark = pytest.mark.alone
+
 CLOCK = MonotonicClock()
 
 
