@@ -387,11 +387,12 @@ def _sites(dataset: Dataset) -> Iterator[Finding]:
     for path, header in dataset.sessions:
         protocol = dataset.version(header)
         site_of = protocol.kind_table(protocol.task(header.task)).site_of
-        felt = (one for entry in journal.read(path).entries for one in entry.felt_at)
+        # Of a kind that presents nothing at a site, no journal is read for it.
+        felt = (one for entry in journal.read(path).entries for one in entry.felt_at) if site_of else ()
         for material, site in felt:
-            if site != (allowed := site_of.get(material)):
-                what = f"has a stimulus of {material} at {site}"
-                yield Finding(what, path, allowed=f"{allowed}", remedy="restore the journal from a backup")
+            if site != (wanted := site_of.get(material)):
+                what = f"has a stimulus of {material} {f'at {site}' if site else 'without a site'}"
+                yield Finding(what, path, allowed=wanted or "no site", remedy="restore the journal from a backup")
                 break
 
 
