@@ -313,7 +313,7 @@ def test_a_right_table_in_percent_is_not_accused(tmp_path: Path, seed: int, cell
     assert ("read as percent" in table.where) == ("%" not in cell)
     text = audit(str(tmp_path / "paper.csv"), stated=Stated((15,), 10)).text()
     assert "impossible" not in text
-    assert "would stand" not in text
+    assert "would fit" not in text
 
 
 def test_one_bare_number_of_percent_among_ratios_stays_as_it_is(tmp_path: Path) -> None:

@@ -445,7 +445,7 @@ def test_from_an_empty_folder_to_a_practiced_session_in_the_desk_alone(
         """Answer the questions of `palpate new`, and key what the participant says."""
         nonlocal shown
         shown += capsys.readouterr().out + asked
-        if "Its tasks" in asked:
+        if "Tasks: virtual" in asked:
             return "virtual"
         if (again := re.search(r"type (\S) again", asked)) is not None:
             return again[1]

@@ -198,7 +198,7 @@ def test_a_session_that_stands_still_is_told_of_and_so_is_its_going_on(
         await there.until(lambda: bool(there.notice))
         notices.append(re.sub(r"for \d+ s", "for N s", there.notice))
         monkeypatch.setattr(link, "BEAT_S", 0.05)
-        await there.until(lambda: "again" in there.notice)
+        await there.until(lambda: "is responding" in there.notice)
         notices.append(there.notice)
 
     at_a_desk(tmp_path, asking("answer"), then)

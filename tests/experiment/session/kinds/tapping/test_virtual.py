@@ -346,7 +346,7 @@ def test_no_answer_is_taken_before_both_surfaces_were_tapped(tmp_path: Path, app
         ([], "="),
     ]
     session = Session(script, tmp_path, felt=())
-    assert [said for said in session.desk.shown if "answer is taken" in said] == approved
+    assert [said for said in session.desk.shown if "must tap" in said] == approved
     assert [(one.trial, one.answered) for one in session.entries(Answer)] == [(1, "first")]
     # Where nothing can be felt any more, any answer is taken, and the trial comes again.
     assert [one.reason for one in session.entries(Redo)] == approved(name="redone")
